@@ -1,0 +1,206 @@
+//! Where a box could go: corner placements.
+
+use crate::{Extent, Grid, Placement, Surface, WalleWeights, Yaw};
+
+/// A feasible corner placement of one box, with WallE's opinion of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// Where and how.
+    pub placement: Placement,
+    /// WallE's stability score, eq. (1); larger is better.
+    pub walle: f32,
+}
+
+/// Collects the candidates of a box in all open containers, ordered by container (in the order they were opened),
+/// yaw, `i` and `j`; if there are none, those of a fresh container.
+///
+/// A feasible placement is a candidate when at one of its four footprint corners both outward neighbours are a
+/// wall or differ in height from the base. Paper: "Conceptual approach", figure 5. `candidates` is cleared first.
+pub fn corner_candidates(grid: &Grid, extent: Extent, weights: &WalleWeights, candidates: &mut Vec<Candidate>) {
+    candidates.clear();
+    for slot in grid.open_slots() {
+        push_corners(grid, slot, extent, weights, candidates);
+    }
+    if candidates.is_empty()
+        && let Some(slot) = grid.fresh_slot()
+    {
+        push_corners(grid, slot, extent, weights, candidates);
+    }
+}
+
+/// Appends the candidates of one container.
+pub(crate) fn push_corners(
+    grid: &Grid,
+    slot: u16,
+    extent: Extent,
+    weights: &WalleWeights,
+    candidates: &mut Vec<Candidate>,
+) {
+    let surface = grid.slots()[usize::from(slot)].surface();
+    for &yaw in extent.yaws() {
+        let turned = extent.turned(yaw);
+        let start = candidates.len();
+        push_places(surface, turned, |i, j, base| {
+            candidates.push(Candidate { placement: Placement { slot, yaw, i, j, base }, walle: 0.0 });
+        });
+        // The corners of one footprint find the same place up to four times.
+        let found = &mut candidates[start..];
+        found.sort_unstable_by_key(|candidate| candidate.placement);
+        let mut kept = start;
+        for index in start..candidates.len() {
+            if index == start || candidates[index].placement != candidates[kept - 1].placement {
+                candidates[kept] = candidates[index];
+                kept += 1;
+            }
+        }
+        candidates.truncate(kept);
+        for candidate in &mut candidates[start..] {
+            let Placement { i, j, base, .. } = candidate.placement;
+            candidate.walle = weights.score(surface, turned, i, j, base);
+        }
+    }
+}
+
+/// Calls `push` for every feasible place one of whose footprint corners lies on a corner of the surface.
+fn push_places(surface: &Surface, turned: Extent, mut push: impl FnMut(u16, u16, u16)) {
+    let (Some(i_last), Some(j_last)) =
+        (surface.size().length().checked_sub(turned.length), surface.size().breadth().checked_sub(turned.breadth))
+    else {
+        return;
+    };
+    for corner in surface.corners() {
+        let low_i = corner.towards_low_i.then_some(corner.i);
+        let high_i = corner.towards_high_i.then(|| (corner.i + 1).checked_sub(turned.length)).flatten();
+        let low_j = corner.towards_low_j.then_some(corner.j);
+        let high_j = corner.towards_high_j.then(|| (corner.j + 1).checked_sub(turned.breadth)).flatten();
+        for i in [low_i, high_i].into_iter().flatten().filter(|&i| i <= i_last) {
+            for j in [low_j, high_j].into_iter().flatten().filter(|&j| j <= j_last) {
+                if let Some(base) = surface.rest_inside(turned, usize::from(i), usize::from(j)) {
+                    push(i, j, base);
+                }
+            }
+        }
+    }
+}
+
+/// The definition, cell by cell, against which the fast method is held.
+#[cfg(test)]
+fn is_corner_place(surface: &Surface, turned: Extent, i: u16, j: u16, base: u16) -> bool {
+    let size = surface.size();
+    let differs = |i: i32, j: i32| {
+        let inside = (0..i32::from(size.length())).contains(&i) && (0..i32::from(size.breadth())).contains(&j);
+        !inside || surface.row(i as usize)[j as usize] != base
+    };
+    let (top, bottom) = (i32::from(i), i32::from(i + turned.length) - 1);
+    let (left, right) = (i32::from(j), i32::from(j + turned.breadth) - 1);
+    [(top, -1, left, -1), (top, -1, right, 1), (bottom, 1, left, -1), (bottom, 1, right, 1)]
+        .into_iter()
+        .any(|(i, outward_i, j, outward_j)| differs(i + outward_i, j) && differs(i, j + outward_j))
+}
+
+/// The better of two placements by score; the earlier one if they are equal.
+pub(crate) fn best_by_score(places: impl Iterator<Item = (f32, Placement)>) -> Option<Placement> {
+    let mut best: Option<(f32, Placement)> = None;
+    for (score, placement) in places {
+        if best.is_none_or(|(highest, _)| score > highest) {
+            best = Some((score, placement));
+        }
+    }
+    best.map(|(_, placement)| placement)
+}
+
+/// Every feasible placement in one container, ordered by yaw, `i` and `j`.
+pub(crate) fn feasible_places(grid: &Grid, slot: u16, extent: Extent, yaws: &[Yaw]) -> impl Iterator<Item = Placement> {
+    let surface = grid.slots()[usize::from(slot)].surface();
+    yaws.iter().flat_map(move |&yaw| {
+        surface.feasible(extent.turned(yaw)).map(move |(i, j, base)| Placement { slot, yaw, i, j, base })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::{BoxSpec, ContainerSize};
+
+    fn candidates(grid: &Grid, extent: Extent) -> Vec<Candidate> {
+        let mut candidates = Vec::new();
+        corner_candidates(grid, extent, &WalleWeights::PAPER, &mut candidates);
+        candidates
+    }
+
+    #[test]
+    fn an_empty_container_offers_four_corners_per_yaw() {
+        let grid = Grid::new(ContainerSize::PAPER, 2).unwrap();
+        let found = candidates(&grid, Extent { length: 20, breadth: 30, height: 10 });
+        let places: Vec<_> = found.iter().map(|c| (c.placement.yaw, c.placement.i, c.placement.j)).collect();
+        let (a, b) = (Yaw::Deg0, Yaw::Deg90);
+        assert_eq!(
+            places,
+            [(a, 0, 0), (a, 0, 50), (a, 25, 0), (a, 25, 50), (b, 0, 0), (b, 0, 60), (b, 15, 0), (b, 15, 60)]
+        );
+        assert!(found.iter().all(|c| c.placement.slot == 0), "one fresh container is enough");
+    }
+
+    /// A 2 x 2 box in the corner of a 5 x 5 floor, and a 1 x 1 box to come: on top of the box (its 4 corners),
+    /// beside it (2 inner corners) and in the 3 free corners of the container, which are 9 of 25 cells.
+    #[test]
+    fn corners_of_the_loaded_structure_count() {
+        let mut grid = Grid::new(ContainerSize::new(5, 5, 5, 10).unwrap(), 1).unwrap();
+        let first = Placement { slot: 0, yaw: Yaw::Deg0, i: 0, j: 0, base: 0 };
+        grid.place(&BoxSpec::new(1, [20, 20, 10]).unwrap(), first).unwrap();
+        let found = candidates(&grid, Extent { length: 1, breadth: 1, height: 1 });
+        let places: Vec<_> = found.iter().map(|c| (c.placement.i, c.placement.j, c.placement.base)).collect();
+        assert_eq!(
+            places,
+            [(0, 0, 1), (0, 1, 1), (0, 2, 0), (0, 4, 0), (1, 0, 1), (1, 1, 1), (2, 0, 0), (4, 0, 0), (4, 4, 0)]
+        );
+    }
+
+    #[test]
+    fn a_box_that_fits_nowhere_has_no_candidates() {
+        let grid = Grid::new(ContainerSize::new(5, 5, 5, 10).unwrap(), 3).unwrap();
+        assert!(candidates(&grid, Extent { length: 1, breadth: 1, height: 6 }).is_empty());
+        assert!(candidates(&grid, Extent { length: 6, breadth: 1, height: 1 }).is_empty());
+    }
+
+    prop_compose! {
+        /// A grid of three small containers with random boxes in the first two.
+        fn arb_grid()(l in 1u16..8, b in 1u16..8, h in 1u16..8)(
+            drops in prop::collection::vec((0u16..2, 1u32..6, 1u32..6, 1u32..4, 0..l, 0..b), 0..24),
+            size in Just(ContainerSize::new(l, b, h, 10).unwrap()),
+        ) -> Grid {
+            let mut grid = Grid::new(size, 3).unwrap();
+            for (slot, l, b, h, i, j) in drops {
+                let spec = BoxSpec::new(1, [l * 10, b * 10, h * 10]).unwrap();
+                let surface = grid.slots()[usize::from(slot)].surface();
+                if let Ok(base) = surface.rest(spec.extent(10), i, j) {
+                    grid.place(&spec, Placement { slot, yaw: Yaw::Deg0, i, j, base }).unwrap();
+                }
+            }
+            grid
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn fast_candidates_equal_the_definition(grid in arb_grid(), length in 1u16..8, breadth in 1u16..8, height in 1u16..8) {
+            let extent = Extent { length, breadth, height };
+            let by_definition = |slot: u16| {
+                let surface = grid.slots()[usize::from(slot)].surface();
+                let is_corner = move |p: &Placement| is_corner_place(surface, extent.turned(p.yaw), p.i, p.j, p.base);
+                feasible_places(&grid, slot, extent, extent.yaws()).filter(is_corner).collect::<Vec<_>>()
+            };
+            let mut expected: Vec<_> = grid.open_slots().flat_map(by_definition).collect();
+            if expected.is_empty() {
+                expected = grid.fresh_slot().into_iter().flat_map(by_definition).collect();
+            }
+            let found = candidates(&grid, extent);
+            prop_assert_eq!(found.iter().map(|c| c.placement).collect::<Vec<_>>(), expected);
+            for candidate in found {
+                prop_assert_eq!(grid.check(extent, candidate.placement), Ok(()));
+            }
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! Online 3D bin packing, pure: no clock, no files, no ambient randomness, no serialisation, no IPC.
+//!
+//! The problem and its baselines are those of Verma et al., *A Generalized Reinforcement Learning
+//! Algorithm for Online 3D Bin-Packing* (2020), called "the paper" in these docs.
+//!
+//! # Words
+//!
+//! - **box** ([`BoxSpec`]): a cuboid on the belt, with identity and millimetre dimensions.
+//! - **extent** ([`Extent`]): a box rounded up to whole grid cells, at one yaw.
+//! - **container** ([`ContainerSize`]): what is filled. It stands in a **slot** of the [`Grid`].
+//! - **surface** ([`Surface`]): the heights of one container, seen from above.
+//! - **grid** ([`Grid`]): all containers that stand in the cell, and how often they changed (its revision).
+//! - **placement** ([`Placement`]): where and how a box stands. It is **feasible** if [`Surface::rest`] accepts it.
+//! - **candidate** ([`Candidate`]): a feasible placement in a corner of the container or of the loaded structure.
+//! - **episode** ([`Episode`]): a stream of boxes that is packed from empty containers.
+//!
+//! # Frame and symbols
+//!
+//! `i` counts grid cells along the container's length `L`, `j` along its breadth `B`, heights count along `H`;
+//! the origin is the container's top-left corner in the paper's figure 3. Heights are whole cells: partial
+//! dimensions are rounded up (paper, "Robot-implementability").
+
+mod candidates;
+mod draw;
+mod environment;
+mod episode;
+mod geometry;
+mod grid;
+mod heuristics;
+mod surface;
+mod walle;
+
+pub use candidates::{Candidate, corner_candidates};
+pub use draw::Draw;
+pub use environment::{ClosePolicy, Environment, Outcome, PlacedBox, Step};
+pub use episode::{CutRule, Episode, Order, Recipe, RecipeError, Split};
+pub use geometry::{
+    BOX_SIDE_MM_MAX, BoxError, BoxSpec, ContainerSize, Extent, GRID_CELLS_MAX, Placement, SIDE_CELLS_MAX, SLOTS_MAX,
+    SizeError, Yaw,
+};
+pub use grid::{Grid, PlaceError, Slot};
+pub use heuristics::{Heuristic, HeuristicError};
+pub use surface::{Corner, Infeasible, Surface};
+pub use walle::WalleWeights;

@@ -1,0 +1,346 @@
+//! The heights of one container, made ready for questions.
+
+use crate::{ContainerSize, Extent};
+
+/// One container seen from above: the height of every cell, row by row along `i`.
+///
+/// Beside the heights it keeps what makes feasibility cheap, refreshed only where a box changed it: how many
+/// cells from each cell on, along `i` and along `j`, share its height, and the cells that are [`Corner`]s.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    size: ContainerSize,
+    heights: Vec<u16>,
+    /// Cells from here on along `i` that have this cell's height, at least 1.
+    run_i: Vec<u16>,
+    /// Cells from here on along `j` that have this cell's height, at least 1.
+    run_j: Vec<u16>,
+    /// In scan order, so that what is derived from it is deterministic.
+    corners: Vec<Corner>,
+}
+
+/// A cell at which a footprint's corner meets a corner of the container or of the loaded structure.
+///
+/// At least one pair of neighbours (one along `i`, one along `j`) is a wall or has another height than the
+/// cell. Paper: "Conceptual approach" and figure 5. It depends on the surface alone, not on any box.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Corner {
+    /// The cell along `i`.
+    pub i: u16,
+    /// The cell along `j`.
+    pub j: u16,
+    /// The neighbour towards smaller `i` is a wall or another height.
+    pub towards_low_i: bool,
+    /// The neighbour towards larger `i` is a wall or another height.
+    pub towards_high_i: bool,
+    /// The neighbour towards smaller `j` is a wall or another height.
+    pub towards_low_j: bool,
+    /// The neighbour towards larger `j` is a wall or another height.
+    pub towards_high_j: bool,
+}
+
+/// Why a box cannot stand somewhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Infeasible {
+    /// The footprint leaves the container.
+    #[error("the footprint leaves the container")]
+    OutsideFootprint,
+    /// The cells under the base have different heights.
+    #[error("the cells under the base have different heights")]
+    NotLevel,
+    /// The top would exceed the height limit.
+    #[error("the top would exceed the height limit")]
+    TooHigh,
+}
+
+impl Surface {
+    /// An empty container.
+    #[must_use]
+    pub fn empty(size: ContainerSize) -> Self {
+        let cells = size.footprint_cells();
+        let mut surface =
+            Self { size, heights: vec![0; cells], run_i: vec![0; cells], run_j: vec![0; cells], corners: Vec::new() };
+        surface.refresh_all();
+        surface
+    }
+
+    /// Takes the heights of a container as measured or received, row by row along `i`.
+    ///
+    /// # Panics
+    /// If there are not as many heights as the container has cells.
+    pub fn set_heights(&mut self, heights: &[u16]) {
+        self.heights.copy_from_slice(heights);
+        self.refresh_all();
+    }
+
+    /// The container's size.
+    #[must_use]
+    pub fn size(&self) -> ContainerSize {
+        self.size
+    }
+
+    /// All heights [cells], row by row along `i`.
+    #[must_use]
+    pub fn heights(&self) -> &[u16] {
+        &self.heights
+    }
+
+    /// The heights of row `i` [cells].
+    #[must_use]
+    pub fn row(&self, i: usize) -> &[u16] {
+        let breadth = usize::from(self.size.breadth());
+        &self.heights[i * breadth..(i + 1) * breadth]
+    }
+
+    /// The corners of the container and of the loaded structure, in scan order.
+    #[must_use]
+    pub fn corners(&self) -> &[Corner] {
+        &self.corners
+    }
+
+    /// The base height [cells] at which a box of `extent` (already turned) would rest at `(i, j)`.
+    ///
+    /// This is the definition of feasible, cell by cell: inside the footprint, every cell under the base at one
+    /// height (flat base, level corners), top not above `H`. Paper: "Robot-implementability".
+    ///
+    /// # Errors
+    /// [`Infeasible`] names the first rule it breaks.
+    pub fn rest(&self, extent: Extent, i: u16, j: u16) -> Result<u16, Infeasible> {
+        let (Some(i_end), Some(j_end)) = (i.checked_add(extent.length), j.checked_add(extent.breadth)) else {
+            return Err(Infeasible::OutsideFootprint);
+        };
+        if i_end > self.size.length() || j_end > self.size.breadth() {
+            return Err(Infeasible::OutsideFootprint);
+        }
+        let base = self.row(usize::from(i))[usize::from(j)];
+        let level = (i..i_end)
+            .all(|row| self.row(usize::from(row))[usize::from(j)..usize::from(j_end)].iter().all(|&h| h == base));
+        if !level {
+            return Err(Infeasible::NotLevel);
+        }
+        if u32::from(base) + u32::from(extent.height) > u32::from(self.size.height()) {
+            return Err(Infeasible::TooHigh);
+        }
+        Ok(base)
+    }
+
+    /// As [`Surface::rest`], fast, for a footprint known to lie inside the container.
+    pub(crate) fn rest_inside(&self, extent: Extent, i: usize, j: usize) -> Option<u16> {
+        let start = i * usize::from(self.size.breadth()) + j;
+        let base = self.heights[start];
+        let fits = u32::from(base) + u32::from(extent.height) <= u32::from(self.size.height())
+            && self.run_j[start] >= extent.breadth
+            && self.run_i[start..start + usize::from(extent.breadth)].iter().all(|&run| run >= extent.length);
+        fits.then_some(base)
+    }
+
+    /// All feasible places of a box of `extent` (already turned), in scan order: `(i, j, base)`.
+    pub(crate) fn feasible(&self, extent: Extent) -> impl Iterator<Item = (u16, u16, u16)> + '_ {
+        let rows = (self.size.length() + 1).saturating_sub(extent.length);
+        (0..rows).flat_map(move |i| FeasibleInRow { surface: self, extent, i, j: 0 })
+    }
+
+    /// Puts a box of `extent` (already turned) on the surface: its cells rise to its top.
+    ///
+    /// # Errors
+    /// [`Infeasible`] as [`Surface::rest`]; the surface is then unchanged.
+    pub fn place(&mut self, extent: Extent, i: u16, j: u16) -> Result<u16, Infeasible> {
+        let base = self.rest(extent, i, j)?;
+        let breadth = usize::from(self.size.breadth());
+        let rows = usize::from(i)..usize::from(i + extent.length);
+        let columns = usize::from(j)..usize::from(j + extent.breadth);
+        for row in rows.clone() {
+            self.heights[row * breadth + columns.start..row * breadth + columns.end].fill(base + extent.height);
+        }
+        self.refresh_runs_j(rows);
+        self.refresh_runs_i(columns);
+        self.refresh_corners();
+        Ok(base)
+    }
+
+    fn refresh_all(&mut self) {
+        self.refresh_runs_j(0..usize::from(self.size.length()));
+        self.refresh_runs_i(0..usize::from(self.size.breadth()));
+        self.refresh_corners();
+    }
+
+    fn refresh_runs_j(&mut self, rows: std::ops::Range<usize>) {
+        let breadth = usize::from(self.size.breadth());
+        for row in rows {
+            let heights = &self.heights[row * breadth..(row + 1) * breadth];
+            let runs = &mut self.run_j[row * breadth..(row + 1) * breadth];
+            let (mut run, mut height) = (0, heights[breadth - 1]);
+            for (cell, &h) in runs.iter_mut().zip(heights).rev() {
+                run = if h == height { run + 1 } else { 1 };
+                height = h;
+                *cell = run;
+            }
+        }
+    }
+
+    fn refresh_runs_i(&mut self, columns: std::ops::Range<usize>) {
+        let (length, breadth) = (usize::from(self.size.length()), usize::from(self.size.breadth()));
+        let last = (length - 1) * breadth;
+        self.run_i[last + columns.start..last + columns.end].fill(1);
+        for row in (0..length - 1).rev() {
+            let (start, end) = (row * breadth + columns.start, row * breadth + columns.end);
+            for here in start..end {
+                let below = here + breadth;
+                let level = self.heights[here] == self.heights[below];
+                self.run_i[here] = if level { self.run_i[below] + 1 } else { 1 };
+            }
+        }
+    }
+
+    fn refresh_corners(&mut self) {
+        let (length, breadth) = (usize::from(self.size.length()), usize::from(self.size.breadth()));
+        self.corners.clear();
+        for i in 0..length {
+            let row = i * breadth;
+            for j in 0..breadth {
+                let here = row + j;
+                let height = self.heights[here];
+                let towards_low_j = j == 0 || self.heights[here - 1] != height;
+                let towards_high_j = j + 1 == breadth || self.heights[here + 1] != height;
+                if !(towards_low_j || towards_high_j) {
+                    continue;
+                }
+                let towards_low_i = i == 0 || self.heights[here - breadth] != height;
+                let towards_high_i = i + 1 == length || self.heights[here + breadth] != height;
+                if towards_low_i || towards_high_i {
+                    let (i, j) = (i as u16, j as u16);
+                    self.corners.push(Corner { i, j, towards_low_i, towards_high_i, towards_low_j, towards_high_j });
+                }
+            }
+        }
+    }
+}
+
+/// The feasible places of one box in one row, left to right.
+struct FeasibleInRow<'a> {
+    surface: &'a Surface,
+    extent: Extent,
+    i: u16,
+    j: u16,
+}
+
+impl Iterator for FeasibleInRow<'_> {
+    type Item = (u16, u16, u16);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let size = self.surface.size;
+        let row = usize::from(self.i) * usize::from(size.breadth());
+        while self.j + self.extent.breadth <= size.breadth() {
+            let start = row + usize::from(self.j);
+            let base = self.surface.heights[start];
+            // No place starts on a run that is too short, or too high: the next run is the next hope.
+            if self.surface.run_j[start] < self.extent.breadth
+                || u32::from(base) + u32::from(self.extent.height) > u32::from(size.height())
+            {
+                self.j += self.surface.run_j[start];
+                continue;
+            }
+            // The last column that is too short along i rules out every start up to itself.
+            let columns = &self.surface.run_i[start..start + usize::from(self.extent.breadth)];
+            if let Some(short) = columns.iter().rposition(|&run| run < self.extent.length) {
+                self.j += short as u16 + 1;
+                continue;
+            }
+            self.j += 1;
+            return Some((self.i, self.j - 1, base));
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::Yaw;
+
+    fn extent(length: u16, breadth: u16, height: u16) -> Extent {
+        Extent { length, breadth, height }
+    }
+
+    /// A small container with boxes dropped wherever they are feasible.
+    pub(crate) fn arb_surface() -> impl Strategy<Value = Surface> {
+        (1u16..9, 1u16..9, 1u16..9).prop_flat_map(|(l, b, h)| {
+            let drops = prop::collection::vec((1u16..=l, 1u16..=b, 1u16..=h, 0..l, 0..b), 0..12);
+            drops.prop_map(move |drops| {
+                let mut surface = Surface::empty(ContainerSize::new(l, b, h, 10).unwrap());
+                for (dl, db, dh, i, j) in drops {
+                    let _infeasible_drops_are_skipped = surface.place(extent(dl, db, dh), i, j);
+                }
+                surface
+            })
+        })
+    }
+
+    #[test]
+    fn figure_3_of_the_paper() {
+        let mut surface = Surface::empty(ContainerSize::new(5, 3, 5, 10).unwrap());
+        assert_eq!(surface.place(extent(3, 2, 5), 0, 0), Ok(0));
+        assert_eq!(surface.heights(), [5, 5, 0, 5, 5, 0, 5, 5, 0, 0, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn the_rules_name_what_is_broken() {
+        let mut surface = Surface::empty(ContainerSize::new(4, 4, 5, 10).unwrap());
+        surface.place(extent(2, 2, 3), 0, 0).unwrap();
+        assert_eq!(surface.rest(extent(2, 2, 2), 0, 0), Ok(3));
+        assert_eq!(surface.rest(extent(2, 2, 3), 0, 0), Err(Infeasible::TooHigh));
+        assert_eq!(surface.rest(extent(2, 2, 1), 1, 1), Err(Infeasible::NotLevel));
+        assert_eq!(surface.rest(extent(2, 2, 1), 3, 0), Err(Infeasible::OutsideFootprint));
+        assert_eq!(surface.rest(extent(2, u16::MAX, 1), 3, 1), Err(Infeasible::OutsideFootprint));
+    }
+
+    #[test]
+    fn an_empty_container_has_its_four_corners() {
+        let surface = Surface::empty(ContainerSize::new(3, 4, 5, 10).unwrap());
+        let cells: Vec<_> = surface.corners().iter().map(|c| (c.i, c.j)).collect();
+        assert_eq!(cells, [(0, 0), (0, 3), (2, 0), (2, 3)]);
+    }
+
+    proptest! {
+        #[test]
+        fn fast_feasibility_equals_the_definition(surface in arb_surface(), l in 1u16..9, b in 1u16..9, h in 1u16..9) {
+            let size = surface.size();
+            let extent = extent(l, b, h);
+            let mut by_definition = Vec::new();
+            for i in 0..size.length() {
+                for j in 0..size.breadth() {
+                    if let Ok(base) = surface.rest(extent, i, j) {
+                        by_definition.push((i, j, base));
+                        prop_assert_eq!(surface.rest_inside(extent, i.into(), j.into()), Some(base));
+                    } else if i + l <= size.length() && j + b <= size.breadth() {
+                        prop_assert_eq!(surface.rest_inside(extent, i.into(), j.into()), None);
+                    }
+                }
+            }
+            prop_assert_eq!(surface.feasible(extent).collect::<Vec<_>>(), by_definition);
+        }
+
+        #[test]
+        fn placing_keeps_what_a_full_refresh_would_give(surface in arb_surface()) {
+            let mut fresh = Surface::empty(surface.size());
+            fresh.set_heights(surface.heights());
+            prop_assert_eq!(&fresh.run_i, &surface.run_i);
+            prop_assert_eq!(&fresh.run_j, &surface.run_j);
+            prop_assert_eq!(&fresh.corners, &surface.corners);
+        }
+
+        #[test]
+        fn a_refused_box_changes_nothing(surface in arb_surface(), l in 1u16..9, b in 1u16..9, h in 1u16..9, i in 0u16..9, j in 0u16..9) {
+            let mut after = surface.clone();
+            let extent = extent(l, b, h).turned(Yaw::Deg90);
+            match after.place(extent, i, j) {
+                Err(_) => prop_assert_eq!(after.heights(), surface.heights()),
+                Ok(_) => {
+                    let sum = |s: &Surface| s.heights().iter().map(|&h| u64::from(h)).sum::<u64>();
+                    prop_assert_eq!(sum(&after) - sum(&surface), extent.volume_cells());
+                }
+            }
+        }
+    }
+}
