@@ -407,7 +407,7 @@ mod tests {
 
     fn card() -> Card {
         Card {
-            encoding: Encoding::WallsEmpty,
+            encoding: Encoding::Published(crate::Walls::Empty),
             container_order: ContainerOrder::FirstThatFits,
             training: Training { recipe: "none".into(), seed: 7, ..Training::default() },
         }

@@ -6,10 +6,11 @@ use std::str::FromStr;
 use burn::tensor::Device;
 use packing::{Candidate, Extent, Grid, Heuristic};
 
-use crate::encoding::{Batch, Encoder};
+use crate::encoding::{Batch, Encoder, Encoding};
 use crate::engine::Engine;
 use crate::model::{ContainerOrder, Model};
-use crate::network::Network;
+use crate::moves::{ContainerView, Features, features};
+use crate::network::{MovesNetwork, Network};
 
 /// How a policy comes to its choice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,10 +40,15 @@ pub struct Policy {
 struct Scorer {
     fingerprint: u64,
     container_order: ContainerOrder,
-    network: Network,
     device: Device,
-    encoder: Encoder,
-    batch: Batch,
+    judge: Judge,
+}
+
+/// A network with what turns candidates into its input.
+#[derive(Debug)]
+enum Judge {
+    Published { network: Network, encoder: Encoder, batch: Batch },
+    Moves { network: MovesNetwork, moves: Vec<Features> },
 }
 
 /// The chosen candidate.
@@ -132,21 +138,50 @@ impl Policy {
 impl Scorer {
     fn new(engine: Engine, model: &Model) -> Option<Self> {
         let device = engine.device();
-        Some(Self {
-            fingerprint: model.fingerprint(),
-            container_order: model.card().container_order,
-            network: Network::new(model.weights(), &device)?,
-            device,
-            encoder: Encoder::new(model.card().encoding),
-            batch: Batch::default(),
-        })
+        let judge = match model.card().encoding {
+            Encoding::Published(walls) => Judge::Published {
+                network: Network::new(model.weights(), &device)?,
+                encoder: Encoder::new(walls),
+                batch: Batch::default(),
+            },
+            Encoding::Moves => {
+                Judge::Moves { network: MovesNetwork::new(model.weights(), &device)?, moves: Vec::new() }
+            }
+        };
+        Some(Self { fingerprint: model.fingerprint(), container_order: model.card().container_order, device, judge })
     }
 
     fn choose(&mut self, grid: &Grid, extent: Extent, candidates: &[Candidate]) -> Result<Option<Choice>, NotFinite> {
         let candidates = self.container_order.considered(candidates);
-        self.encoder.encode(grid, extent, candidates, &mut self.batch);
-        let values = self.network.values(&self.batch, &self.device).ok_or(NotFinite { candidate: 0 })?;
-        best(&values)
+        let values = match &mut self.judge {
+            Judge::Published { network, encoder, batch } => {
+                encoder.encode(grid, extent, candidates, batch);
+                network.values(batch, &self.device)
+            }
+            Judge::Moves { network, moves } => {
+                describe(grid, extent, candidates, moves);
+                network.values(moves, &self.device)
+            }
+        };
+        best(&values.ok_or(NotFinite { candidate: 0 })?)
+    }
+}
+
+/// Writes the features of every candidate; candidates of one container stand together.
+fn describe(grid: &Grid, extent: Extent, candidates: &[Candidate], moves: &mut Vec<Features>) {
+    moves.clear();
+    let open = grid.open_slots().count() as u16;
+    let rank = |slot: u16| (0..).zip(grid.open_slots()).find(|&(_, s)| s == slot).map_or(open, |(rank, _)| rank);
+    let mut seen: Option<(u16, ContainerView)> = None;
+    for candidate in candidates {
+        let placement = candidate.placement;
+        let surface = grid.slots()[usize::from(placement.slot)].surface();
+        let view = match seen {
+            Some((slot, view)) if slot == placement.slot => view,
+            _ => ContainerView::of(surface, rank(placement.slot), open),
+        };
+        seen = Some((placement.slot, view));
+        moves.push(features(surface, &view, extent.turned(placement.yaw), placement));
     }
 }
 
