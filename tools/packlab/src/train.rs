@@ -413,7 +413,7 @@ fn validate(model: &Model, data: Data, episodes: u64) -> anyhow::Result<Validati
 /// The figures of one validation episode. It ends when a box fits into none of its containers.
 fn play(model: &Model, recipe: &Recipe, containers: usize, index: u64) -> anyhow::Result<Outcome> {
     let episode = recipe.episode(Split::Validation, VALIDATION_SEED, index)?;
-    let mut policy = Policy::new(PolicyKind::Packman, Engine::BurnFlex, Some(model))?;
+    let mut policy = Policy::new(PolicyKind::PackmanPublished, Engine::BurnFlex, Some(model))?;
     let mut environment = Environment::new(episode.container, containers, ClosePolicy::Never)?;
     let (mut candidates, mut failed) = (Vec::new(), None);
     for spec in &episode.boxes {
