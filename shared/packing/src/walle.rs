@@ -17,7 +17,24 @@ pub struct WalleWeights {
     pub base: f32,
 }
 
+/// Weights that no stability score has.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("WallE's weights are {0:?}: they must be five numbers of 0 or more")]
+pub struct WeightsError(pub [f32; 5]);
+
 impl WalleWeights {
+    /// The weights `alpha_1` to `alpha_5`.
+    ///
+    /// # Errors
+    /// [`WeightsError`] if one is negative, endless or not a number. Paper: "user-defined non-negative parameters".
+    pub fn new(alpha: [f32; 5]) -> Result<Self, WeightsError> {
+        if !alpha.iter().all(|weight| weight.is_finite() && *weight >= 0.0) {
+            return Err(WeightsError(alpha));
+        }
+        let [variation, higher, flush, position, base] = alpha;
+        Ok(Self { variation, higher, flush, position, base })
+    }
+
     /// The values the paper settled on.
     pub const PAPER: Self = Self { variation: 0.75, higher: 1.0, flush: 1.0, position: 0.01, base: 1.0 };
 
@@ -105,6 +122,13 @@ mod tests {
         assert_eq!(border, Border { variation: 8, higher: 2, flush: 1 });
         let score = WalleWeights::PAPER.score(&surface, extent, 1, 0, 0);
         assert!((score - (-0.75 * 8.0 + 2.0 + 1.0 - 0.01)).abs() < 1e-6, "{score}");
+    }
+
+    #[test]
+    fn weights_are_checked() {
+        assert_eq!(WalleWeights::new([0.75, 1.0, 1.0, 0.01, 1.0]), Ok(WalleWeights::PAPER));
+        assert!(WalleWeights::new([0.75, 1.0, -1.0, 0.01, 1.0]).is_err());
+        assert!(WalleWeights::new([f32::NAN; 5]).is_err());
     }
 
     #[test]
