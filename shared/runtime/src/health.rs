@@ -1,5 +1,7 @@
 //! A process's word about itself.
 
+use std::fmt::Display;
+
 use messages::topics::{HEALTH, Role};
 use messages::{Counters, Health, Text};
 
@@ -7,6 +9,44 @@ use crate::{Bus, BusError, Publisher, monotonic_ns};
 
 /// How often a process says how it is [ns].
 const PERIOD_NS: u64 = 200_000_000;
+
+/// What a process did so far, and why it refused a message last.
+#[derive(Clone, Debug)]
+pub struct Tally {
+    /// What it did so far.
+    pub counters: Counters,
+    refusal: Text,
+}
+
+impl Default for Tally {
+    fn default() -> Self {
+        Self { counters: Counters::default(), refusal: Text::new("") }
+    }
+}
+
+impl Tally {
+    /// Counts a box that this process did its part for.
+    pub fn handle(&mut self, box_id: u64) {
+        self.counters.handled += 1;
+        self.counters.last_box = box_id;
+    }
+
+    /// Counts a message that no correct process sends. The log has a line whenever the reason changes, so that a
+    /// flood of rubbish does not become a flood of lines.
+    pub fn refuse(&mut self, reason: &dyn Display) {
+        self.counters.refused += 1;
+        let refusal = Text::new(&reason.to_string());
+        if refusal != self.refusal {
+            tracing::warn!(%reason, refused = self.counters.refused, "refused a message");
+            self.refusal = refusal;
+        }
+    }
+
+    /// Counts a message on which the cell has moved on.
+    pub fn pass_over(&mut self) {
+        self.counters.stale += 1;
+    }
+}
 
 /// Publishes a process's [`Health`] a few times a second.
 #[derive(Debug)]
@@ -33,7 +73,7 @@ impl Reporter {
     ///
     /// # Errors
     /// [`BusError`] if the bus failed.
-    pub fn report_if_due(&mut self, counters: Counters, refusal: &Text) -> Result<(), BusError> {
+    pub fn report_if_due(&mut self, tally: &Tally) -> Result<(), BusError> {
         let now = monotonic_ns();
         if now < self.due_ns {
             return Ok(());
@@ -41,8 +81,8 @@ impl Reporter {
         self.due_ns = now + PERIOD_NS;
         self.publisher.publish(0, |health| {
             (health.role, health.pid) = (self.role.to_wire(), std::process::id());
-            (health.ready_ns, health.counters) = (self.ready_ns, counters);
-            (health.detail, health.refusal) = (self.detail, *refusal);
+            (health.ready_ns, health.counters) = (self.ready_ns, tally.counters);
+            (health.detail, health.refusal) = (self.detail, tally.refusal);
         })?;
         Ok(())
     }

@@ -15,5 +15,5 @@ pub use config::{
     BusConfig, CandidatesConfig, CommanderConfig, Config, ConfigError, ContainerConfig, LogConfig, LogLevel,
     PerceptionConfig, ScorerConfig,
 };
-pub use health::Reporter;
+pub use health::{Reporter, Tally};
 pub use process::{ServiceArgs, StopSignal, init_log};
