@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     fn belief() -> Box<Belief> {
-        bytemuck::zeroed_box()
+        Box::new(Zeroable::zeroed())
     }
 
     fn place(grid: &mut Grid, slot: u16, i: u16) {
