@@ -134,7 +134,8 @@ fn nonsense_is_refused_and_the_deadline_decides() {
         assert_eq!(bench.commander.on_decision(decision, OBSERVED + 2 * MS), None);
     }
     assert_eq!(bench.refused(), 4);
-    let of_another = [Decision { box_id: 2, ..good }, Decision { revision: 1, ..good }, Decision { set_digest: 1, ..good }];
+    let of_another =
+        [Decision { box_id: 2, ..good }, Decision { revision: 1, ..good }, Decision { set_digest: 1, ..good }];
     for decision in &of_another {
         assert_eq!(bench.commander.on_decision(decision, OBSERVED + 2 * MS), None);
     }

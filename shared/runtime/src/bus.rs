@@ -70,7 +70,9 @@ pub enum BusError {
         source: io::Error,
     },
     /// The bus's directory or prefix is no name that iceoryx2 takes.
-    #[error("bus.root_dir {root_dir:?} or bus.prefix {prefix:?} is too long or holds a character that no file name has")]
+    #[error(
+        "bus.root_dir {root_dir:?} or bus.prefix {prefix:?} is too long or holds a character that no file name has"
+    )]
     Name {
         /// As configured.
         root_dir: PathBuf,

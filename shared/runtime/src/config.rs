@@ -240,7 +240,8 @@ impl Config {
     pub fn overridden(self, overrides: &[String]) -> Result<Self, ConfigError> {
         let mut config = self;
         for text in overrides {
-            let invalid = |error: &dyn Display| ConfigError::Overridden { text: text.clone(), message: error.to_string() };
+            let invalid =
+                |error: &dyn Display| ConfigError::Overridden { text: text.clone(), message: error.to_string() };
             let mut table = toml::Table::try_from(&config).map_err(|error| invalid(&error))?;
             merge(&mut table, parse_override(text)?);
             config = Self::deserialize(table).map_err(|error| invalid(&error))?;
@@ -288,7 +289,11 @@ impl Config {
     /// [`ConfigError`] at the first that is not.
     pub fn check(&self) -> Result<(), ConfigError> {
         let in_range = |key, value: u64, range: std::ops::RangeInclusive<u64>, rule| {
-            if range.contains(&value) { Ok(()) } else { Err(ConfigError::Range { key, value: value.to_string(), rule }) }
+            if range.contains(&value) {
+                Ok(())
+            } else {
+                Err(ConfigError::Range { key, value: value.to_string(), rule })
+            }
         };
         self.container_size()?;
         self.close_policy()?;
@@ -378,7 +383,8 @@ mod tests {
 
     #[test]
     fn overrides_override() {
-        let config = load("[commander]\nhard_deadline_ms = 30\n", &["commander.hard_deadline_ms=31", "scorer.policy=walle"]);
+        let config =
+            load("[commander]\nhard_deadline_ms = 30\n", &["commander.hard_deadline_ms=31", "scorer.policy=walle"]);
         let config = config.unwrap();
         assert_eq!((config.commander.hard_deadline_ms, config.scorer.policy.as_str()), (31, "walle"));
         assert_eq!(config.commander.soft_deadline_ms, 12);

@@ -73,8 +73,8 @@ fn pack(config: &Config, session: &mut Session) -> anyhow::Result<()> {
     while session.done() < session.expected() {
         if bus.is_stopping() {
             bar.abandon();
-            cell.stop()?;
-            bail!("stopped after {} of {} boxes", session.done(), session.expected());
+            println!("stopped after {} of {} boxes", session.done(), session.expected());
+            return cell.stop();
         }
         while let Some(report) = cycles.receive()? {
             session.record(&report).context("a cycle report of the cell's own commander")?;
@@ -131,7 +131,8 @@ fn print(figures: &Figures) {
 
 /// The latency table, in the order of a box's way.
 pub(crate) fn latency_rows(figures: &Figures) -> impl Iterator<Item = (&'static str, [String; 5])> {
-    let order = ["perception", "to_candidates", "candidates", "to_scorer", "scorer", "to_commander", "commander", "end_to_end"];
+    let order =
+        ["perception", "to_candidates", "candidates", "to_scorer", "scorer", "to_commander", "commander", "end_to_end"];
     order.into_iter().filter_map(|stage| {
         let s = figures.latency_us.get(stage)?;
         let us = |value: f64| format!("{value:.0}");

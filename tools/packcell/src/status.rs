@@ -19,12 +19,15 @@ pub(crate) struct StatusArgs {
     /// The configuration of the cell; without it, the documented defaults
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Overrides one key of the configuration, for example --set bus.root_dir=/run/packcell
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    overrides: Vec<String>,
 }
 
 pub(crate) fn run(args: &StatusArgs) -> anyhow::Result<()> {
     let config = match &args.config {
-        Some(path) => Config::load(path, &[])?,
-        None => Config::default(),
+        Some(path) => Config::load(path, &args.overrides)?,
+        None => Config::default().overridden(&args.overrides)?,
     };
     let root_dir = &config.bus.root_dir;
     if !root_dir.join("iceoryx2.toml").exists() {
@@ -48,7 +51,8 @@ pub(crate) fn run(args: &StatusArgs) -> anyhow::Result<()> {
     let mut words: Vec<Health> = words.into_values().collect();
     words.sort_by_key(|word| (word.role, word.pid));
     println!("{}", table(&words, monotonic_ns()));
-    let missing = Role::ALL.into_iter().filter(|&role| role != Role::Tool && !words.iter().any(|w| w.role() == Ok(role)));
+    let missing =
+        Role::ALL.into_iter().filter(|&role| role != Role::Tool && !words.iter().any(|w| w.role() == Ok(role)));
     for role in missing {
         println!("no {} speaks: it has stopped or hangs", role.name());
     }

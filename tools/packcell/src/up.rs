@@ -27,7 +27,8 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
     expected_boxes(&mut config)?;
     let (root_dir, prefix) = (config.bus.root_dir.clone(), config.bus.prefix.clone());
     std::fs::create_dir_all(&root_dir).with_context(|| format!("cannot create the bus {}", root_dir.display()))?;
-    let lock = File::create(root_dir.join("lock")).with_context(|| format!("cannot use the bus {}", root_dir.display()))?;
+    let lock =
+        File::create(root_dir.join("lock")).with_context(|| format!("cannot use the bus {}", root_dir.display()))?;
     if rustix::fs::flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
         bail!(
             "a cell runs on the bus {} already: stop it, or give this one its own with \
