@@ -1,5 +1,7 @@
 //! `packlab train`: learns a model and writes it, with everything needed to do it again.
 
+mod best;
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -9,7 +11,7 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use packing::{ClosePolicy, Environment, Outcome, Recipe, Split, WalleWeights, corner_candidates};
 use policy::{
-    Card, Dqn, DqnConfig, Encoding, Engine, Model, Policy, PolicyKind, Training, Validation, load_checkpoint,
+    Card, Dqn, DqnConfig, Encoding, Engine, Model, Policy, PolicyKind, Training, Validation, Walls, load_checkpoint,
     save_checkpoint,
 };
 use rayon::prelude::*;
@@ -43,8 +45,8 @@ pub(crate) struct TrainArgs {
     #[arg(long)]
     curve: Option<PathBuf>,
     /// What a wall counts as in the published network's input.
-    #[arg(long, value_enum, default_value_t = Walls::Empty)]
-    walls: Walls,
+    #[arg(long, value_enum, default_value_t = Wall::Empty)]
+    walls: Wall,
 }
 
 /// A way to learn.
@@ -52,6 +54,8 @@ pub(crate) struct TrainArgs {
 enum Method {
     /// The paper's deep Q-learning.
     Published,
+    /// Policy search over whole episodes, for a network that reads moves.
+    Best,
 }
 
 /// Episodes to learn from.
@@ -65,7 +69,7 @@ enum Data {
 
 /// What a wall counts as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Walls {
+enum Wall {
     /// Height 0.
     Empty,
     /// The height limit.
@@ -112,6 +116,7 @@ impl Data {
 pub(crate) fn run(args: &TrainArgs) -> anyhow::Result<()> {
     match args.recipe {
         Method::Published => published(args),
+        Method::Best => best::run(args),
     }
 }
 
@@ -161,10 +166,10 @@ fn checkpoint_path(out: &Path) -> PathBuf {
 
 /// The paper's training. Paper: "Training".
 fn published(args: &TrainArgs) -> anyhow::Result<()> {
-    let encoding = match args.walls {
-        Walls::Empty => Encoding::WallsEmpty,
-        Walls::Full => Encoding::WallsFull,
-    };
+    let encoding = Encoding::Published(match args.walls {
+        Wall::Empty => Walls::Empty,
+        Wall::Full => Walls::Full,
+    });
     let config =
         DqnConfig { encoding: encoding.number(), containers: args.data.containers(), ..DqnConfig::published() };
     let header = "episode,epsilon,loss,containers,fill,validation_c,validation_fill\n";
@@ -242,7 +247,7 @@ fn validate(model: &Model, data: Data, episodes: u64) -> anyhow::Result<Validati
 /// The figures of one validation episode. It ends when a box fits into none of its containers.
 fn play(model: &Model, recipe: &Recipe, containers: usize, index: u64) -> anyhow::Result<Outcome> {
     let episode = recipe.episode(Split::Validation, VALIDATION_SEED, index)?;
-    let mut policy = Policy::new(PolicyKind::Packman, Engine::BurnFlex, Some(model))?;
+    let mut policy = Policy::new(PolicyKind::PackmanPublished, Engine::BurnFlex, Some(model))?;
     let mut environment = Environment::new(episode.container, containers, ClosePolicy::Never)?;
     let (mut candidates, mut failed) = (Vec::new(), None);
     for spec in &episode.boxes {
