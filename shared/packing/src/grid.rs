@@ -177,26 +177,14 @@ impl Grid {
         Ok(())
     }
 
-    /// Takes over one slot as measured or received, if it changed: `revision` is the slot's own.
-    ///
-    /// # Errors
-    /// [`PlaceError::NoSuchSlot`].
+    /// Takes over one slot as measured or received; `revision` is the slot's own.
     ///
     /// # Panics
-    /// If there are not as many heights as a container has cells.
-    pub fn update_slot(
-        &mut self,
-        slot: u16,
-        container: u32,
-        boxes: u32,
-        revision: u64,
-        heights: &[u16],
-    ) -> Result<(), PlaceError> {
-        let slots = self.slots.len();
-        let target = self.slots.get_mut(usize::from(slot)).ok_or(PlaceError::NoSuchSlot { slot, slots })?;
+    /// If there is no such slot, or there are not as many heights as a container has cells.
+    pub fn update_slot(&mut self, slot: u16, container: u32, boxes: u32, revision: u64, heights: &[u16]) {
+        let target = &mut self.slots[usize::from(slot)];
         (target.container, target.boxes, target.revision) = (container, boxes, revision);
         target.surface.set_heights(heights);
-        Ok(())
     }
 
     /// States the revision of the whole grid after its slots were updated.

@@ -1,4 +1,4 @@
-//! `packlab`: research without a cell. It makes boxes and judges methods on what the services run.
+//! `packlab`: research without a cell. It makes boxes, judges methods and learns models on what the services run.
 #![expect(clippy::print_stdout, reason = "tables are its work")]
 
 mod evaluate;
@@ -7,29 +7,27 @@ mod method;
 mod output;
 mod published;
 mod source;
+mod train;
 mod trial;
 
-use clap::{Parser, Subcommand};
+use clap::Parser;
 
-/// Makes boxes, and judges packing methods on them.
+/// Makes boxes, judges packing methods on them and learns models; needs no running cell.
 #[derive(Parser)]
 #[command(version)]
-struct Args {
-    #[command(subcommand)]
-    command: Command,
-}
-
-#[derive(Subcommand)]
 enum Command {
     /// Write episodes of a named data set to a file.
     Generate(generate::GenerateArgs),
     /// Run methods on the same episodes and compare them.
     Evaluate(evaluate::EvaluateArgs),
+    /// Learn a model and write it to a file.
+    Train(train::TrainArgs),
 }
 
 fn main() -> anyhow::Result<()> {
-    match Args::parse().command {
+    match Command::parse() {
         Command::Generate(args) => generate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        Command::Train(args) => train::run(&args),
     }
 }

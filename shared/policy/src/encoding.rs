@@ -1,0 +1,376 @@
+//! Grids and placements into the numbers that the published network reads.
+//!
+//! Paper: "State definition". For one candidate, on the future grid with the box placed there:
+//!
+//! - `x` (432): the grid pooled into 9 x 16 disjoint fields: first all averages, then all maxima, then all
+//!   differences of maximum and minimum, each row by row and divided by `H`.
+//! - `y` (144): the heights of the border cells divided by `H`, walked clockwise: along the row before the
+//!   footprint with rising `j`, down the column behind it with rising `i`, along the row behind it with falling
+//!   `j`, up the column before it with falling `i`. A shorter border is padded with zeros, a longer one of `n`
+//!   cells is sampled at the cells `k*n/144`.
+//! - `z` (144): one-hot, the field in which the footprint's first cell `(i, j)` lies.
+//!
+//! The paper does not say what a wall counts as in `y`. [`Encoding::WallsEmpty`] takes 0, as WallE's terms do;
+//! [`Encoding::WallsFull`] takes 1, as a container filled to its limit would.
+
+use std::fmt;
+
+use packing::{Candidate, Extent, Grid, Placement};
+
+use crate::pool::{FIELDS, Field, Pool};
+use crate::weights::Architecture;
+
+/// Numbers in `x`.
+pub const X_LEN: usize = 3 * FIELDS;
+/// Numbers in `y`.
+pub const Y_LEN: usize = 144;
+/// Numbers in `z`.
+pub const Z_LEN: usize = FIELDS;
+
+/// A version of the network's input. Its number stands in every model file; a number never changes its meaning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    /// `x`, `y`, `z` of the paper; a wall counts as height 0.
+    WallsEmpty,
+    /// `x`, `y`, `z` of the paper; a wall counts as height `H`.
+    WallsFull,
+}
+
+impl Encoding {
+    /// All versions.
+    pub const ALL: [Self; 2] = [Self::WallsEmpty, Self::WallsFull];
+
+    /// The number in model files.
+    #[must_use]
+    pub fn number(self) -> u32 {
+        match self {
+            Self::WallsEmpty => 1,
+            Self::WallsFull => 2,
+        }
+    }
+
+    /// The version with this number.
+    #[must_use]
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|encoding| encoding.number() == number)
+    }
+
+    /// Whether networks of this architecture read it.
+    #[must_use]
+    pub fn is_read_by(self, architecture: Architecture) -> bool {
+        match self {
+            Self::WallsEmpty | Self::WallsFull => architecture == Architecture::Published,
+        }
+    }
+
+    /// What a wall cell counts as in `y` [H].
+    fn wall(self) -> f32 {
+        match self {
+            Self::WallsEmpty => 0.0,
+            Self::WallsFull => 1.0,
+        }
+    }
+}
+
+impl fmt::Display for Encoding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::WallsEmpty => "published, walls count as empty",
+            Self::WallsFull => "published, walls count as full",
+        })
+    }
+}
+
+/// The encoded candidates of one decision, or any other collection of encoded placements.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Batch {
+    /// `x` of every row, one after another.
+    pub x: Vec<f32>,
+    /// `y` of every row, one after another.
+    pub y: Vec<f32>,
+    /// `z` of every row as the index of its one.
+    pub z: Vec<u16>,
+}
+
+impl Batch {
+    /// Encoded placements.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.z.len()
+    }
+
+    /// Whether nothing is encoded.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.z.is_empty()
+    }
+
+    /// Forgets all rows and keeps the memory.
+    pub fn clear(&mut self) {
+        self.x.clear();
+        self.y.clear();
+        self.z.clear();
+    }
+
+    /// Appends row `row` of another batch.
+    ///
+    /// # Panics
+    /// If the other batch has no such row.
+    pub fn push_row(&mut self, other: &Self, row: usize) {
+        self.x.extend_from_slice(&other.x[row * X_LEN..(row + 1) * X_LEN]);
+        self.y.extend_from_slice(&other.y[row * Y_LEN..(row + 1) * Y_LEN]);
+        self.z.push(other.z[row]);
+    }
+
+    /// `z` of every row as the network reads it.
+    #[must_use]
+    pub fn one_hot(&self) -> Vec<f32> {
+        let mut ones = vec![0.0; self.len() * Z_LEN];
+        for (row, &field) in self.z.iter().enumerate() {
+            ones[row * Z_LEN + usize::from(field)] = 1.0;
+        }
+        ones
+    }
+}
+
+/// Encodes the candidates of one box after another, keeping its memory.
+#[derive(Clone, Debug)]
+pub struct Encoder {
+    encoding: Encoding,
+    pool: Pool,
+    present: Vec<f32>,
+}
+
+impl Encoder {
+    /// An encoder of one version.
+    #[must_use]
+    pub fn new(encoding: Encoding) -> Self {
+        Self { encoding, pool: Pool::default(), present: Vec::new() }
+    }
+
+    /// Encodes the candidates of a box of `extent` (yaw 0) in their order; `batch` is cleared first.
+    ///
+    /// The present grid is pooled once; a candidate changes only the fields that its footprint touches.
+    ///
+    /// # Panics
+    /// If a candidate does not lie in the grid, which no [`packing::corner_candidates`] returns.
+    pub fn encode(&mut self, grid: &Grid, extent: Extent, candidates: &[Candidate], batch: &mut Batch) {
+        batch.clear();
+        if candidates.is_empty() {
+            return;
+        }
+        let limit = f32::from(grid.size().height());
+        self.pool.refresh(grid);
+        self.present.clear();
+        self.present.resize(X_LEN, 0.0);
+        for (index, &field) in self.pool.fields().iter().enumerate() {
+            write_field(&mut self.present, index, field, limit);
+        }
+        for candidate in candidates {
+            let placement = candidate.placement;
+            let turned = extent.turned(placement.yaw);
+            let start = batch.x.len();
+            batch.x.extend_from_slice(&self.present);
+            let x = &mut batch.x[start..];
+            self.pool.for_changed(grid, turned, placement, |index, field| write_field(x, index, field, limit));
+            push_border(grid, turned, placement, self.encoding.wall(), &mut batch.y);
+            batch.z.push(self.pool.field_of(placement) as u16);
+        }
+    }
+}
+
+fn write_field(x: &mut [f32], index: usize, field: Field, limit: f32) {
+    let average = if field.cells == 0 { 0.0 } else { field.sum as f32 / field.cells as f32 };
+    x[index] = average / limit;
+    x[FIELDS + index] = f32::from(field.highest) / limit;
+    x[2 * FIELDS + index] = f32::from(field.highest - field.lowest) / limit;
+}
+
+/// Appends the `y` of one placement.
+fn push_border(grid: &Grid, turned: Extent, placement: Placement, wall: f32, y: &mut Vec<f32>) {
+    let limit = f32::from(grid.size().height());
+    let surface = grid.slots()[usize::from(placement.slot)].surface();
+    let (length, breadth) = (usize::from(turned.length), usize::from(turned.breadth));
+    let (i, j) = (usize::from(placement.i), usize::from(placement.j));
+    let height = |i: Option<usize>, j: Option<usize>| match (i, j) {
+        (Some(i), Some(j)) if i < usize::from(grid.size().length()) && j < usize::from(grid.size().breadth()) => {
+            f32::from(surface.row(i)[j]) / limit
+        }
+        _ => wall,
+    };
+    let border = 2 * (length + breadth);
+    let cell = |step: usize| {
+        if step < breadth {
+            height(i.checked_sub(1), Some(j + step))
+        } else if step < breadth + length {
+            height(Some(i + step - breadth), Some(j + breadth))
+        } else if step < 2 * breadth + length {
+            height(Some(i + length), Some(j + 2 * breadth + length - 1 - step))
+        } else {
+            height(Some(i + border - 1 - step), j.checked_sub(1))
+        }
+    };
+    let end = y.len() + Y_LEN;
+    if border <= Y_LEN {
+        y.extend((0..border).map(cell));
+        y.resize(end, 0.0);
+    } else {
+        y.extend((0..Y_LEN).map(|sample| cell(sample * border / Y_LEN)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use packing::{BoxSpec, ContainerSize, WalleWeights, Yaw, corner_candidates};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::pool::{FIELD_COLUMNS, FIELD_ROWS};
+
+    /// The definition, cell by cell, on a materialised future grid.
+    fn by_definition(
+        encoding: Encoding,
+        grid: &Grid,
+        spec: &BoxSpec,
+        placement: Placement,
+    ) -> (Vec<f32>, Vec<f32>, u16) {
+        let size = grid.size();
+        let mut future = grid.clone();
+        future.place(spec, placement).unwrap();
+        let (length, breadth) = (usize::from(size.length()), usize::from(size.breadth()));
+        let (columns, limit) = (breadth * grid.slots().len(), f32::from(size.height()));
+        let (mut x, mut z) = (vec![0.0; X_LEN], 0);
+        for row in 0..FIELD_ROWS {
+            for column in 0..FIELD_COLUMNS {
+                let mut heights = Vec::new();
+                let index = row * FIELD_COLUMNS + column;
+                for i in row * length / FIELD_ROWS..(row + 1) * length / FIELD_ROWS {
+                    for j in column * columns / FIELD_COLUMNS..(column + 1) * columns / FIELD_COLUMNS {
+                        heights.push(future.slots()[j / breadth].surface().row(i)[j % breadth]);
+                        let first = usize::from(placement.slot) * breadth + usize::from(placement.j);
+                        if (i, j) == (usize::from(placement.i), first) {
+                            z = index as u16;
+                        }
+                    }
+                }
+                if let (Some(&highest), Some(&lowest)) = (heights.iter().max(), heights.iter().min()) {
+                    let sum: u32 = heights.iter().map(|&height| u32::from(height)).sum();
+                    x[index] = sum as f32 / heights.len() as f32 / limit;
+                    x[FIELDS + index] = f32::from(highest) / limit;
+                    x[2 * FIELDS + index] = f32::from(highest - lowest) / limit;
+                }
+            }
+        }
+        let turned = spec.extent(size.cell_mm()).turned(placement.yaw);
+        let (i, j) = (i32::from(placement.i), i32::from(placement.j));
+        let (i_end, j_end) = (i + i32::from(turned.length), j + i32::from(turned.breadth));
+        let mut walk: Vec<(i32, i32)> = (j..j_end).map(|j| (i - 1, j)).collect();
+        walk.extend((i..i_end).map(|i| (i, j_end)));
+        walk.extend((j..j_end).rev().map(|j| (i_end, j)));
+        walk.extend((i..i_end).rev().map(|i| (i, j - 1)));
+        let surface = grid.slots()[usize::from(placement.slot)].surface();
+        let height = |(i, j): (i32, i32)| {
+            let inside = (0..length as i32).contains(&i) && (0..breadth as i32).contains(&j);
+            let wall = if encoding == Encoding::WallsFull { 1.0 } else { 0.0 };
+            if inside { f32::from(surface.row(i as usize)[j as usize]) / limit } else { wall }
+        };
+        let y = (0..Y_LEN).map(|k| {
+            let step = if walk.len() <= Y_LEN { k } else { k * walk.len() / Y_LEN };
+            walk.get(step).map_or(0.0, |&cell| height(cell))
+        });
+        (x, y.collect(), z)
+    }
+
+    #[track_caller]
+    fn check(encoding: Encoding, grid: &Grid, spec: &BoxSpec) {
+        let extent = spec.extent(grid.size().cell_mm());
+        let (mut candidates, mut batch) = (Vec::new(), Batch::default());
+        corner_candidates(grid, extent, &WalleWeights::PAPER, &mut candidates);
+        Encoder::new(encoding).encode(grid, extent, &candidates, &mut batch);
+        assert_eq!(batch.len(), candidates.len());
+        for (row, candidate) in candidates.iter().enumerate() {
+            let (x, y, z) = by_definition(encoding, grid, spec, candidate.placement);
+            assert_eq!(batch.x[row * X_LEN..(row + 1) * X_LEN], x, "x of {candidate:?}");
+            assert_eq!(batch.y[row * Y_LEN..(row + 1) * Y_LEN], y, "y of {candidate:?}");
+            assert_eq!(batch.z[row], z, "z of {candidate:?}");
+        }
+    }
+
+    /// A 2 x 1 x 3 box at (1, 2) of an empty 9 x 16 x 6 container: every field is one cell.
+    #[test]
+    fn one_box_by_hand() {
+        let mut grid = Grid::new(ContainerSize::new(9, 16, 6, 10).unwrap(), 1).unwrap();
+        grid.place(&BoxSpec::new(0, [10, 10, 60]).unwrap(), Placement { slot: 0, yaw: Yaw::Deg0, i: 1, j: 3, base: 0 })
+            .unwrap();
+        let placement = Placement { slot: 0, yaw: Yaw::Deg0, i: 1, j: 2, base: 0 };
+        let extent = Extent { length: 2, breadth: 1, height: 3 };
+        let mut batch = Batch::default();
+        Encoder::new(Encoding::WallsEmpty).encode(&grid, extent, &[Candidate { placement, walle: 0.0 }], &mut batch);
+        let mut average = [0.0; FIELDS];
+        average[FIELD_COLUMNS + 3] = 1.0;
+        (average[FIELD_COLUMNS + 2], average[2 * FIELD_COLUMNS + 2]) = (0.5, 0.5);
+        assert_eq!(batch.x[..FIELDS], average);
+        assert_eq!(batch.x[FIELDS..2 * FIELDS], average);
+        assert_eq!(batch.x[2 * FIELDS..], [0.0; FIELDS]);
+        // Above (0, 2); right (1, 3), (2, 3); below (3, 2); left (2, 1), (1, 1).
+        assert_eq!(batch.y[..8], [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(batch.z, [FIELD_COLUMNS as u16 + 2]);
+        assert_eq!(batch.one_hot()[FIELD_COLUMNS + 2], 1.0);
+        assert_eq!(batch.one_hot().iter().sum::<f32>(), 1.0);
+    }
+
+    #[test]
+    fn a_wall_is_what_the_version_says() {
+        let grid = Grid::new(ContainerSize::new(9, 16, 6, 10).unwrap(), 1).unwrap();
+        let placement = Placement { slot: 0, yaw: Yaw::Deg0, i: 0, j: 0, base: 0 };
+        for (encoding, wall) in [(Encoding::WallsEmpty, 0.0), (Encoding::WallsFull, 1.0)] {
+            let mut batch = Batch::default();
+            let extent = Extent { length: 2, breadth: 1, height: 3 };
+            Encoder::new(encoding).encode(&grid, extent, &[Candidate { placement, walle: 0.0 }], &mut batch);
+            assert_eq!(batch.y[..8], [wall, 0.0, 0.0, 0.0, wall, wall, 0.0, 0.0], "{encoding}");
+            assert_eq!(Encoding::from_number(encoding.number()), Some(encoding));
+        }
+        assert_eq!(Encoding::from_number(0), None);
+    }
+
+    /// The border of a 45 x 40 box has 170 cells, of which 144 are sampled.
+    #[test]
+    fn a_long_border_is_sampled_evenly() {
+        let mut grid = Grid::new(ContainerSize::PAPER, 2).unwrap();
+        grid.place(
+            &BoxSpec::new(0, [450, 400, 100]).unwrap(),
+            Placement { slot: 0, yaw: Yaw::Deg0, i: 0, j: 0, base: 0 },
+        )
+        .unwrap();
+        check(Encoding::WallsFull, &grid, &BoxSpec::new(1, [450, 400, 200]).unwrap());
+    }
+
+    prop_compose! {
+        /// A grid of small containers with random boxes, and a box to come.
+        fn arb_case()(l in 1u16..14, b in 1u16..14, h in 1u16..8, slots in 1usize..5)(
+            drops in prop::collection::vec((0..slots, 1u32..7, 1u32..7, 1u32..4, 0..l, 0..b), 0..24),
+            next in (1u32..14, 1u32..14, 1u32..8),
+            size in Just(ContainerSize::new(l, b, h, 10).unwrap()),
+            slots in Just(slots),
+        ) -> (Grid, BoxSpec) {
+            let mut grid = Grid::new(size, slots).unwrap();
+            for (slot, l, b, h, i, j) in drops {
+                let spec = BoxSpec::new(1, [l * 10, b * 10, h * 10]).unwrap();
+                if let Ok(base) = grid.slots()[slot].surface().rest(spec.extent(10), i, j) {
+                    let slot = slot as u16;
+                    grid.place(&spec, Placement { slot, yaw: Yaw::Deg0, i, j, base }).unwrap();
+                }
+            }
+            (grid, BoxSpec::new(2, [next.0 * 10, next.1 * 10, next.2 * 10]).unwrap())
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_fast_encoding_equals_the_definition((grid, spec) in arb_case()) {
+            for encoding in Encoding::ALL {
+                check(encoding, &grid, &spec);
+            }
+        }
+    }
+}

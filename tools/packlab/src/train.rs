@@ -1,0 +1,297 @@
+//! `packlab train`: learns a model and writes it, with everything needed to do it again.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, bail};
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use packing::{ClosePolicy, Environment, Outcome, Recipe, Split, WalleWeights, corner_candidates};
+use policy::{
+    Card, Dqn, DqnConfig, Encoding, Engine, Model, Policy, PolicyKind, Training, Validation, load_checkpoint,
+    save_checkpoint,
+};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Learns a model and writes it to a file.
+///
+/// The same seed gives the same model whatever the number of cores. A training that was stopped continues from its
+/// checkpoint when the same command is given again.
+#[derive(Args, Debug)]
+pub(crate) struct TrainArgs {
+    /// How to learn.
+    #[arg(long, value_enum, default_value_t = Method::Published)]
+    recipe: Method,
+    /// What to learn from.
+    #[arg(long, value_enum, default_value_t = Data::Standard)]
+    data: Data,
+    /// Stop after this many episodes [default: as the recipe says].
+    #[arg(long)]
+    episodes: Option<u64>,
+    /// Stop after this many minutes.
+    #[arg(long)]
+    minutes: Option<f64>,
+    /// The seed of all that is random.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// The model file to write.
+    #[arg(long)]
+    out: PathBuf,
+    /// A CSV file for the learning curve.
+    #[arg(long)]
+    curve: Option<PathBuf>,
+    /// What a wall counts as in the published network's input.
+    #[arg(long, value_enum, default_value_t = Walls::Empty)]
+    walls: Walls,
+}
+
+/// A way to learn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Method {
+    /// The paper's deep Q-learning.
+    Published,
+}
+
+/// Episodes to learn from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Data {
+    /// Ten containers on a 5 cm lattice, shuffled.
+    Standard,
+    /// Three containers, of which six may be used.
+    Three,
+}
+
+/// What a wall counts as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Walls {
+    /// Height 0.
+    Empty,
+    /// The height limit.
+    Full,
+}
+
+/// Validation episodes played between trainings.
+const VALIDATION_EPISODES: u64 = 30;
+/// Validation episodes played at the end, for the model's card.
+const FINAL_VALIDATION_EPISODES: u64 = 100;
+/// The seed of the validation episodes, the same for all trainings so that they can be compared.
+const VALIDATION_SEED: u64 = 1;
+/// Episodes between two validations, which is also how much a kill can lose.
+const EPISODES_PER_CHECKPOINT: u64 = 100;
+
+impl Data {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Standard => "standard",
+            Self::Three => "three",
+        }
+    }
+
+    fn recipe(self) -> Recipe {
+        match self {
+            Self::Standard => Recipe::standard(),
+            Self::Three => Recipe { optimum: 3, ..Recipe::standard() },
+        }
+    }
+
+    /// `T`: containers an episode may use.
+    fn containers(self) -> usize {
+        match self {
+            Self::Standard => 16,
+            Self::Three => 6,
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Says what stopped the training; its last checkpoint is intact.
+pub(crate) fn run(args: &TrainArgs) -> anyhow::Result<()> {
+    match args.recipe {
+        Method::Published => published(args),
+    }
+}
+
+/// What is kept between two runs of one training.
+#[derive(Serialize, Deserialize)]
+struct Progress<T> {
+    recipe: String,
+    data: String,
+    seed: u64,
+    learner: T,
+    curve: String,
+}
+
+impl<T: Serialize + for<'a> Deserialize<'a>> Progress<T> {
+    /// The training as it was left, or a new one.
+    fn resume(args: &TrainArgs, recipe: &str, header: &str, fresh: impl FnOnce() -> T) -> anyhow::Result<Self> {
+        let path = checkpoint_path(&args.out);
+        if !path.exists() {
+            let (recipe, data, seed) = (recipe.to_owned(), args.data.name().to_owned(), args.seed);
+            return Ok(Self { recipe, data, seed, learner: fresh(), curve: header.to_owned() });
+        }
+        let found: Self = load_checkpoint(&path)?;
+        if (found.recipe.as_str(), found.data.as_str(), found.seed) != (recipe, args.data.name(), args.seed) {
+            bail!(
+                "checkpoint {} belongs to recipe {}, data {}, seed {}: give another --out, or remove it",
+                path.display(),
+                found.recipe,
+                found.data,
+                found.seed
+            );
+        }
+        Ok(found)
+    }
+
+    fn save(&self, args: &TrainArgs) -> anyhow::Result<()> {
+        save_checkpoint(&checkpoint_path(&args.out), self)?;
+        if let Some(path) = &args.curve {
+            std::fs::write(path, &self.curve).with_context(|| format!("write learning curve {}", path.display()))?;
+        }
+        Ok(())
+    }
+}
+
+fn checkpoint_path(out: &Path) -> PathBuf {
+    out.with_extension("checkpoint")
+}
+
+/// The paper's training. Paper: "Training".
+fn published(args: &TrainArgs) -> anyhow::Result<()> {
+    let encoding = match args.walls {
+        Walls::Empty => Encoding::WallsEmpty,
+        Walls::Full => Encoding::WallsFull,
+    };
+    let config =
+        DqnConfig { encoding: encoding.number(), containers: args.data.containers(), ..DqnConfig::published() };
+    let header = "episode,epsilon,loss,containers,fill,validation_c,validation_fill\n";
+    let mut progress = Progress::resume(args, "published", header, || Dqn::new(config.clone(), args.seed))?;
+    if progress.learner.config() != &config {
+        bail!("checkpoint {} has other settings: remove it to start again", checkpoint_path(&args.out).display());
+    }
+    let episodes = args.episodes.unwrap_or(2000);
+    let clock = Clock::start(args.minutes);
+    let bar = progress_bar(episodes, progress.learner.episodes())?;
+    let recipe = args.data.recipe();
+    while progress.learner.episodes() < episodes && !clock.is_up() {
+        let index = progress.learner.episodes();
+        let episode = recipe.episode(Split::Training, args.seed, index)?;
+        let trained = progress.learner.train_on(&episode)?;
+        let fill = trained.outcome.fill.unwrap_or(0.0);
+        let epsilon = config.epsilon(index);
+        write!(progress.curve, "{index},{epsilon:.4},{:.6e},{},{fill:.4}", trained.loss, trained.containers_used)?;
+        if (index + 1).is_multiple_of(EPISODES_PER_CHECKPOINT) {
+            let validation = validate(&dqn_model(&progress.learner, args, None)?, args.data, VALIDATION_EPISODES)?;
+            write!(progress.curve, ",{:.4},{:.4}", validation.competitive_ratio, validation.fill)?;
+            bar.set_message(format!("c {:.3}, fill {:.3}", validation.competitive_ratio, validation.fill));
+        } else {
+            progress.curve.push(',');
+        }
+        progress.curve.push('\n');
+        if (index + 1).is_multiple_of(EPISODES_PER_CHECKPOINT) {
+            progress.save(args)?;
+        }
+        bar.inc(1);
+    }
+    progress.save(args)?;
+    let untested = dqn_model(&progress.learner, args, None)?;
+    let validation = validate(&untested, args.data, FINAL_VALIDATION_EPISODES)?;
+    bar.finish_with_message(format!("c {:.3}, fill {:.3}", validation.competitive_ratio, validation.fill));
+    dqn_model(&progress.learner, args, Some(validation))?.save(&args.out)?;
+    Ok(())
+}
+
+fn dqn_model(dqn: &Dqn, args: &TrainArgs, validation: Option<Validation>) -> anyhow::Result<Model> {
+    let training = Training {
+        recipe: "published".to_owned(),
+        seed: dqn.seed(),
+        data: args.data.name().to_owned(),
+        episodes: dqn.episodes(),
+        git_revision: git_revision(),
+        validation,
+    };
+    let card = Card { encoding: dqn.encoding()?, container_order: dqn.config().container_order, training };
+    Ok(Model::new(card, dqn.weights()?)?)
+}
+
+/// Mean figures of a model's greedy choices on validation episodes, the same for any number of threads.
+fn validate(model: &Model, data: Data, episodes: u64) -> anyhow::Result<Validation> {
+    let recipe = data.recipe();
+    let outcomes = (0..episodes)
+        .into_par_iter()
+        .map(|index| play(model, &recipe, data.containers(), index))
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    let mean = |figure: &dyn Fn(&Outcome) -> Option<f64>| {
+        outcomes.iter().filter_map(figure).sum::<f64>() / outcomes.len().max(1) as f64
+    };
+    let competitive_ratio = |outcome: &Outcome| {
+        let incomplete = f64::from(u32::from(outcome.set_aside > 0)) / f64::from(recipe.optimum);
+        outcome.competitive_ratio.map(|ratio| ratio + incomplete)
+    };
+    Ok(Validation {
+        data: data.name().to_owned(),
+        episodes,
+        competitive_ratio: mean(&competitive_ratio),
+        fill: mean(&|outcome| outcome.fill),
+    })
+}
+
+/// The figures of one validation episode. It ends when a box fits into none of its containers.
+fn play(model: &Model, recipe: &Recipe, containers: usize, index: u64) -> anyhow::Result<Outcome> {
+    let episode = recipe.episode(Split::Validation, VALIDATION_SEED, index)?;
+    let mut policy = Policy::new(PolicyKind::Packman, Engine::BurnFlex, Some(model))?;
+    let mut environment = Environment::new(episode.container, containers, ClosePolicy::Never)?;
+    let (mut candidates, mut failed) = (Vec::new(), None);
+    for spec in &episode.boxes {
+        environment.pack(spec, |grid, extent| {
+            corner_candidates(grid, extent, &WalleWeights::PAPER, &mut candidates);
+            let choice = policy.choose(grid, extent, &[], &candidates);
+            let choice = choice.unwrap_or_else(|error| {
+                failed = Some(error);
+                None
+            });
+            choice.map(|choice| candidates[choice.index].placement)
+        })?;
+        if environment.outcome(None).set_aside > 0 {
+            break;
+        }
+    }
+    failed.map_or(Ok(()), Err)?;
+    Ok(environment.outcome(episode.optimum))
+}
+
+/// Tells whether the time that a run was given is over. What is learned does not depend on it, only how much.
+struct Clock {
+    end: Option<Instant>,
+}
+
+impl Clock {
+    #[expect(clippy::disallowed_methods, reason = "a limit in minutes is measured by the machine's clock")]
+    fn start(minutes: Option<f64>) -> Self {
+        let limit = minutes.and_then(|minutes| Duration::try_from_secs_f64(minutes * 60.0).ok());
+        Self { end: limit.and_then(|limit| Instant::now().checked_add(limit)) }
+    }
+
+    #[expect(clippy::disallowed_methods, reason = "a limit in minutes is measured by the machine's clock")]
+    fn is_up(&self) -> bool {
+        self.end.is_some_and(|end| Instant::now() >= end)
+    }
+}
+
+fn progress_bar(length: u64, done: u64) -> anyhow::Result<ProgressBar> {
+    let bar = ProgressBar::new(length);
+    bar.set_style(ProgressStyle::with_template("{bar:40} {pos}/{len} {elapsed} left {eta} {msg}")?);
+    bar.set_position(done);
+    Ok(bar)
+}
+
+/// The revision of the code, as far as it can be found out where the command runs.
+fn git_revision() -> String {
+    let output = std::process::Command::new("git").args(["describe", "--always", "--dirty", "--abbrev=12"]).output();
+    let revision = output.ok().filter(|output| output.status.success());
+    let revision = revision.and_then(|output| String::from_utf8(output.stdout).ok());
+    revision.map_or_else(|| "unknown".to_owned(), |revision| revision.trim().to_owned())
+}
