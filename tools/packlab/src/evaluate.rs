@@ -23,8 +23,9 @@ pub(crate) struct EvaluateArgs {
     /// Data sets: names (standard, cut-order, fine, small-boxes, three, balanced, ten) or .json and .csv files.
     #[arg(long, value_name = "NAME|FILE", value_delimiter = ',', num_args = 1.., default_value = "standard")]
     data: Vec<String>,
-    /// Methods: first-fit, floor, column, walle, walle-corners, harmonic, random. With "/all-open" or
-    /// "/first-that-fits" behind it, a method goes through the containers in that order.
+    /// Methods: first-fit, floor, column, walle, walle-corners, harmonic, random, packman. With "/all-open" or
+    /// "/first-that-fits" behind it, a method goes through the containers in that order; "packman:FILE" takes a
+    /// model of yours.
     #[arg(long, value_name = "A,B", value_delimiter = ',', num_args = 1.., default_value = Method::DEFAULT)]
     policy: Vec<String>,
     /// Episodes of each set (100 of a named one, all of a file).

@@ -91,17 +91,23 @@ fn pack(set: &DataSet, episode: usize, method: &Method, conditions: &Conditions)
     let extents: Vec<Extent> = boxes.iter().map(|spec| spec.extent(set.container.cell_mm())).collect();
     let grid = Grid::with_support(set.container, conditions.slots, conditions.support)?;
     let mut environment = Environment::on(grid, conditions.close).with_containers_max(conditions.containers_max);
-    let mut chooser = method.chooser(conditions.seed, episode);
+    let mut chooser = method.chooser(conditions.seed, episode)?;
     let mut decisions_ns = Vec::with_capacity(boxes.len());
     for (index, spec) in boxes.iter().enumerate() {
         let upcoming = &extents[index + 1..(index + 1 + conditions.lookahead).min(extents.len())];
-        let mut decision_ns = 0;
+        let (mut decision_ns, mut failure) = (0, None);
         let step = environment.pack(spec, |grid, extent| {
             let begun = Instant::now();
             let choice = chooser(grid, extent, upcoming);
             decision_ns += begun.elapsed().as_nanos();
-            choice
+            choice.unwrap_or_else(|error| {
+                failure = Some(error);
+                None
+            })
         })?;
+        if let Some(error) = failure {
+            return Err(error.context(format!("{} failed in episode {episode}, box {index}", method.name)));
+        }
         decisions_ns.push(u32::try_from(decision_ns).unwrap_or(u32::MAX));
         if step == Step::SetAside && conditions.stop_at_misfit {
             break;
