@@ -38,26 +38,25 @@ pub(crate) fn push_corners(
     candidates: &mut Vec<Candidate>,
 ) {
     let surface = grid.slots()[usize::from(slot)].surface();
+    corner_places(surface, slot, extent, |placement| {
+        let Placement { i, j, base, .. } = placement;
+        let walle = weights.score(surface, extent.turned(placement.yaw), i, j, base);
+        candidates.push(Candidate { placement, walle });
+    });
+}
+
+/// Calls `push` for the candidate places of a box of `extent` (yaw 0) in the container that stands in `slot`,
+/// ordered by yaw, `i` and `j`, each once.
+pub fn corner_places(surface: &Surface, slot: u16, extent: Extent, mut push: impl FnMut(Placement)) {
+    let mut places: Vec<(u16, u16, u16)> = Vec::new();
     for &yaw in extent.yaws() {
-        let turned = extent.turned(yaw);
-        let start = candidates.len();
-        push_places(surface, turned, |i, j, base| {
-            candidates.push(Candidate { placement: Placement { slot, yaw, i, j, base }, walle: 0.0 });
-        });
+        places.clear();
+        push_places(surface, extent.turned(yaw), |i, j, base| places.push((i, j, base)));
         // The corners of one footprint find the same place up to four times.
-        let found = &mut candidates[start..];
-        found.sort_unstable_by_key(|candidate| candidate.placement);
-        let mut kept = start;
-        for index in start..candidates.len() {
-            if index == start || candidates[index].placement != candidates[kept - 1].placement {
-                candidates[kept] = candidates[index];
-                kept += 1;
-            }
-        }
-        candidates.truncate(kept);
-        for candidate in &mut candidates[start..] {
-            let Placement { i, j, base, .. } = candidate.placement;
-            candidate.walle = weights.score(surface, turned, i, j, base);
+        places.sort_unstable();
+        places.dedup();
+        for &(i, j, base) in &places {
+            push(Placement { slot, yaw, i, j, base });
         }
     }
 }

@@ -10,7 +10,7 @@ use packing::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::encoding::{Batch, Encoder, Encoding};
+use crate::encoding::{Batch, Encoder, Encoding, Walls};
 use crate::engine::Engine;
 use crate::model::ContainerOrder;
 use crate::network::{Network, tensors};
@@ -49,7 +49,7 @@ impl DqnConfig {
     #[must_use]
     pub fn published() -> Self {
         Self {
-            encoding: Encoding::WallsEmpty.number(),
+            encoding: Encoding::Published(Walls::Empty).number(),
             container_order: ContainerOrder::FirstThatFits,
             reward_discount: 0.99,
             value_discount: 0.75,
@@ -191,7 +191,14 @@ impl Dqn {
     /// # Errors
     /// [`DqnError::State`] if a checkpoint held something else.
     pub fn encoding(&self) -> Result<Encoding, DqnError> {
-        Encoding::from_number(self.config.encoding).ok_or(DqnError::State)
+        self.walls().map(Encoding::Published)
+    }
+
+    fn walls(&self) -> Result<Walls, DqnError> {
+        match Encoding::from_number(self.config.encoding) {
+            Some(Encoding::Published(walls)) => Ok(walls),
+            Some(Encoding::Moves) | None => Err(DqnError::State),
+        }
     }
 
     /// Plays one episode, puts it into the replay buffer, and trains once. Paper: "Training".
@@ -224,7 +231,7 @@ impl Dqn {
     fn play(&self, episode: &Episode) -> Result<(Batch, Outcome, bool), DqnError> {
         let device = Engine::BurnFlex.device();
         let network = Network::new(&self.weights()?, &device).ok_or(DqnError::State)?;
-        let mut encoder = Encoder::new(self.encoding()?);
+        let mut encoder = Encoder::new(self.walls()?);
         let mut draw = Draw::new(purpose::EXPLORE, self.seed, self.episodes);
         let epsilon = self.config.epsilon(self.episodes);
         let mut environment = Environment::new(episode.container, self.config.containers, ClosePolicy::Never)?;

@@ -10,8 +10,8 @@
 //!   cells is sampled at the cells `k*n/144`.
 //! - `z` (144): one-hot, the field in which the footprint's first cell `(i, j)` lies.
 //!
-//! The paper does not say what a wall counts as in `y`. [`Encoding::WallsEmpty`] takes 0, as WallE's terms do;
-//! [`Encoding::WallsFull`] takes 1, as a container filled to its limit would.
+//! The paper does not say what a wall counts as in `y`. [`Walls::Empty`] takes 0, as WallE's terms do;
+//! [`Walls::Full`] takes 1, as a container filled to its limit would.
 
 use std::fmt;
 
@@ -27,25 +27,35 @@ pub const Y_LEN: usize = 144;
 /// Numbers in `z`.
 pub const Z_LEN: usize = FIELDS;
 
-/// A version of the network's input. Its number stands in every model file; a number never changes its meaning.
+/// A version of a network's input. Its number stands in every model file; a number never changes its meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
-    /// `x`, `y`, `z` of the paper; a wall counts as height 0.
-    WallsEmpty,
-    /// `x`, `y`, `z` of the paper; a wall counts as height `H`.
-    WallsFull,
+    /// `x`, `y`, `z` of the paper.
+    Published(Walls),
+    /// What one move does to its surroundings: [`crate::moves`].
+    Moves,
+}
+
+/// What a wall cell counts as in `y`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Walls {
+    /// Height 0.
+    Empty,
+    /// Height `H`.
+    Full,
 }
 
 impl Encoding {
     /// All versions.
-    pub const ALL: [Self; 2] = [Self::WallsEmpty, Self::WallsFull];
+    pub const ALL: [Self; 3] = [Self::Published(Walls::Empty), Self::Published(Walls::Full), Self::Moves];
 
     /// The number in model files.
     #[must_use]
     pub fn number(self) -> u32 {
         match self {
-            Self::WallsEmpty => 1,
-            Self::WallsFull => 2,
+            Self::Published(Walls::Empty) => 1,
+            Self::Published(Walls::Full) => 2,
+            Self::Moves => 3,
         }
     }
 
@@ -59,15 +69,8 @@ impl Encoding {
     #[must_use]
     pub fn is_read_by(self, architecture: Architecture) -> bool {
         match self {
-            Self::WallsEmpty | Self::WallsFull => architecture == Architecture::Published,
-        }
-    }
-
-    /// What a wall cell counts as in `y` [H].
-    fn wall(self) -> f32 {
-        match self {
-            Self::WallsEmpty => 0.0,
-            Self::WallsFull => 1.0,
+            Self::Published(_) => architecture == Architecture::Published,
+            Self::Moves => architecture == Architecture::Moves,
         }
     }
 }
@@ -75,8 +78,9 @@ impl Encoding {
 impl fmt::Display for Encoding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::WallsEmpty => "published, walls count as empty",
-            Self::WallsFull => "published, walls count as full",
+            Self::Published(Walls::Empty) => "published, walls count as empty",
+            Self::Published(Walls::Full) => "published, walls count as full",
+            Self::Moves => "moves",
         })
     }
 }
@@ -136,16 +140,20 @@ impl Batch {
 /// Encodes the candidates of one box after another, keeping its memory.
 #[derive(Clone, Debug)]
 pub struct Encoder {
-    encoding: Encoding,
+    wall: f32,
     pool: Pool,
     present: Vec<f32>,
 }
 
 impl Encoder {
-    /// An encoder of one version.
+    /// An encoder that counts walls as given.
     #[must_use]
-    pub fn new(encoding: Encoding) -> Self {
-        Self { encoding, pool: Pool::default(), present: Vec::new() }
+    pub fn new(walls: Walls) -> Self {
+        let wall = match walls {
+            Walls::Empty => 0.0,
+            Walls::Full => 1.0,
+        };
+        Self { wall, pool: Pool::default(), present: Vec::new() }
     }
 
     /// Encodes the candidates of a box of `extent` (yaw 0) in their order; `batch` is cleared first.
@@ -173,7 +181,7 @@ impl Encoder {
             batch.x.extend_from_slice(&self.present);
             let x = &mut batch.x[start..];
             self.pool.for_changed(grid, turned, placement, |index, field| write_field(x, index, field, limit));
-            push_border(grid, turned, placement, self.encoding.wall(), &mut batch.y);
+            push_border(grid, turned, placement, self.wall, &mut batch.y);
             batch.z.push(self.pool.field_of(placement) as u16);
         }
     }
@@ -228,12 +236,7 @@ mod tests {
     use crate::pool::{FIELD_COLUMNS, FIELD_ROWS};
 
     /// The definition, cell by cell, on a materialised future grid.
-    fn by_definition(
-        encoding: Encoding,
-        grid: &Grid,
-        spec: &BoxSpec,
-        placement: Placement,
-    ) -> (Vec<f32>, Vec<f32>, u16) {
+    fn by_definition(walls: Walls, grid: &Grid, spec: &BoxSpec, placement: Placement) -> (Vec<f32>, Vec<f32>, u16) {
         let size = grid.size();
         let mut future = grid.clone();
         future.place(spec, placement).unwrap();
@@ -271,7 +274,7 @@ mod tests {
         let surface = grid.slots()[usize::from(placement.slot)].surface();
         let height = |(i, j): (i32, i32)| {
             let inside = (0..length as i32).contains(&i) && (0..breadth as i32).contains(&j);
-            let wall = if encoding == Encoding::WallsFull { 1.0 } else { 0.0 };
+            let wall = if walls == Walls::Full { 1.0 } else { 0.0 };
             if inside { f32::from(surface.row(i as usize)[j as usize]) / limit } else { wall }
         };
         let y = (0..Y_LEN).map(|k| {
@@ -282,14 +285,14 @@ mod tests {
     }
 
     #[track_caller]
-    fn check(encoding: Encoding, grid: &Grid, spec: &BoxSpec) {
+    fn check(walls: Walls, grid: &Grid, spec: &BoxSpec) {
         let extent = spec.extent(grid.size().cell_mm());
         let (mut candidates, mut batch) = (Vec::new(), Batch::default());
         corner_candidates(grid, extent, &WalleWeights::PAPER, &mut candidates);
-        Encoder::new(encoding).encode(grid, extent, &candidates, &mut batch);
+        Encoder::new(walls).encode(grid, extent, &candidates, &mut batch);
         assert_eq!(batch.len(), candidates.len());
         for (row, candidate) in candidates.iter().enumerate() {
-            let (x, y, z) = by_definition(encoding, grid, spec, candidate.placement);
+            let (x, y, z) = by_definition(walls, grid, spec, candidate.placement);
             assert_eq!(batch.x[row * X_LEN..(row + 1) * X_LEN], x, "x of {candidate:?}");
             assert_eq!(batch.y[row * Y_LEN..(row + 1) * Y_LEN], y, "y of {candidate:?}");
             assert_eq!(batch.z[row], z, "z of {candidate:?}");
@@ -305,7 +308,7 @@ mod tests {
         let placement = Placement { slot: 0, yaw: Yaw::Deg0, i: 1, j: 2, base: 0 };
         let extent = Extent { length: 2, breadth: 1, height: 3 };
         let mut batch = Batch::default();
-        Encoder::new(Encoding::WallsEmpty).encode(&grid, extent, &[Candidate { placement, walle: 0.0 }], &mut batch);
+        Encoder::new(Walls::Empty).encode(&grid, extent, &[Candidate { placement, walle: 0.0 }], &mut batch);
         let mut average = [0.0; FIELDS];
         average[FIELD_COLUMNS + 3] = 1.0;
         (average[FIELD_COLUMNS + 2], average[2 * FIELD_COLUMNS + 2]) = (0.5, 0.5);
@@ -323,11 +326,13 @@ mod tests {
     fn a_wall_is_what_the_version_says() {
         let grid = Grid::new(ContainerSize::new(9, 16, 6, 10).unwrap(), 1).unwrap();
         let placement = Placement { slot: 0, yaw: Yaw::Deg0, i: 0, j: 0, base: 0 };
-        for (encoding, wall) in [(Encoding::WallsEmpty, 0.0), (Encoding::WallsFull, 1.0)] {
+        for (walls, wall) in [(Walls::Empty, 0.0), (Walls::Full, 1.0)] {
             let mut batch = Batch::default();
             let extent = Extent { length: 2, breadth: 1, height: 3 };
-            Encoder::new(encoding).encode(&grid, extent, &[Candidate { placement, walle: 0.0 }], &mut batch);
-            assert_eq!(batch.y[..8], [wall, 0.0, 0.0, 0.0, wall, wall, 0.0, 0.0], "{encoding}");
+            Encoder::new(walls).encode(&grid, extent, &[Candidate { placement, walle: 0.0 }], &mut batch);
+            assert_eq!(batch.y[..8], [wall, 0.0, 0.0, 0.0, wall, wall, 0.0, 0.0], "{walls:?}");
+        }
+        for encoding in Encoding::ALL {
             assert_eq!(Encoding::from_number(encoding.number()), Some(encoding));
         }
         assert_eq!(Encoding::from_number(0), None);
@@ -342,7 +347,7 @@ mod tests {
             Placement { slot: 0, yaw: Yaw::Deg0, i: 0, j: 0, base: 0 },
         )
         .unwrap();
-        check(Encoding::WallsFull, &grid, &BoxSpec::new(1, [450, 400, 200]).unwrap());
+        check(Walls::Full, &grid, &BoxSpec::new(1, [450, 400, 200]).unwrap());
     }
 
     prop_compose! {
@@ -368,8 +373,8 @@ mod tests {
     proptest! {
         #[test]
         fn the_fast_encoding_equals_the_definition((grid, spec) in arb_case()) {
-            for encoding in Encoding::ALL {
-                check(encoding, &grid, &spec);
+            for walls in [Walls::Empty, Walls::Full] {
+                check(walls, &grid, &spec);
             }
         }
     }

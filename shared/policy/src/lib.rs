@@ -12,7 +12,11 @@ mod checkpoint;
 mod dqn;
 mod encoding;
 mod engine;
+mod evolution;
+mod fast;
+mod lookahead;
 mod model;
+pub mod moves;
 mod network;
 mod policy;
 mod pool;
@@ -20,10 +24,12 @@ mod weights;
 
 pub use checkpoint::{CheckpointError, CheckpointFault, load_checkpoint, save_checkpoint};
 pub use dqn::{Dqn, DqnConfig, DqnError, Trained};
-
-pub use encoding::{Batch, Encoder, Encoding, X_LEN, Y_LEN, Z_LEN};
+pub use encoding::{Batch, Encoder, Encoding, Walls, X_LEN, Y_LEN, Z_LEN};
 pub use engine::{Engine, EngineError};
+pub use evolution::Evolution;
+pub use fast::{Packed, pack_fast};
+pub use lookahead::UPCOMING_MAX;
 pub use model::{Card, ContainerOrder, FORMAT, MODEL_BYTES_MAX, Model, ModelError, ModelFault, Training, Validation};
 pub use policy::{Choice, NotFinite, Policy, PolicyError, PolicyKind, PolicyKindError};
 pub use pool::{FIELD_COLUMNS, FIELD_ROWS, FIELDS};
-pub use weights::{Architecture, Layer, LayerShape, Weights};
+pub use weights::{Architecture, HIDDEN_UNITS, Layer, LayerShape, Weights};

@@ -200,12 +200,20 @@ impl Model {
         Ok(model)
     }
 
-    /// The model that ships.
+    /// The model that ships for the policies that look at all open containers.
     ///
     /// # Errors
     /// [`ModelError`] if it is damaged, which a test of this crate rules out.
     pub fn built_in() -> Result<Self, ModelError> {
         Self::from_bytes(include_bytes!("../../../deploy/models/packman.safetensors"))
+    }
+
+    /// The model that ships for the policy of the paper.
+    ///
+    /// # Errors
+    /// As [`Model::built_in`].
+    pub fn built_in_published() -> Result<Self, ModelError> {
+        Self::from_bytes(include_bytes!("../../../deploy/models/packman-published.safetensors"))
     }
 
     /// Reads a model file.
@@ -407,7 +415,7 @@ mod tests {
 
     fn card() -> Card {
         Card {
-            encoding: Encoding::WallsEmpty,
+            encoding: Encoding::Published(crate::Walls::Empty),
             container_order: ContainerOrder::FirstThatFits,
             training: Training { recipe: "none".into(), seed: 7, ..Training::default() },
         }
@@ -449,8 +457,10 @@ mod tests {
 
     #[test]
     fn the_model_that_ships_can_be_loaded() {
-        let model = Model::built_in().unwrap();
-        assert_ne!(model.fingerprint(), 0);
+        assert_eq!(Model::built_in().unwrap().card().encoding, Encoding::Moves);
+        let published = Model::built_in_published().unwrap();
+        assert_eq!(published.card().container_order, ContainerOrder::FirstThatFits);
+        assert_ne!(published.fingerprint(), 0);
     }
 
     #[test]

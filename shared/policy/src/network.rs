@@ -2,9 +2,11 @@
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
+use burn::tensor::activation::relu;
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 
 use crate::encoding::{Batch, X_LEN, Y_LEN, Z_LEN};
+use crate::moves::{FEATURES, Features};
 use crate::weights::{Architecture, Layer, LayerShape, Weights};
 
 /// `x` -> dense 144 tanh; joined by `y` and `z` -> dense 144 tanh -> 24 tanh -> 4 tanh -> 1.
@@ -20,16 +22,8 @@ pub(crate) struct Network {
 impl Network {
     /// The network with these weights on `device`, or nothing if they are another architecture's.
     pub(crate) fn new(weights: &Weights, device: &Device) -> Option<Self> {
-        let mut layers = weights.named().map(|(shape, layer)| linear(shape, layer, device));
-        match weights.architecture() {
-            Architecture::Published => Some(Self {
-                grid: layers.next()?,
-                place: layers.next()?,
-                third: layers.next()?,
-                fourth: layers.next()?,
-                value: layers.next()?,
-            }),
-        }
+        let [grid, place, third, fourth, value] = linears(weights, Architecture::Published, device)?;
+        Some(Self { grid, place, third, fourth, value })
     }
 
     /// The gradient of every weight as plain numbers, or nothing if the device failed.
@@ -72,6 +66,50 @@ pub(crate) fn tensors(batch: &Batch, device: &Device) -> [Tensor<2>; 3] {
     [matrix(batch.x.clone(), X_LEN), matrix(batch.y.clone(), Y_LEN), matrix(batch.one_hot(), Z_LEN)]
 }
 
+/// The moves' network: a linear score beside a correction by a hidden layer of rectified units.
+#[derive(Module, Debug)]
+pub(crate) struct MovesNetwork {
+    direct: Linear,
+    hidden: Linear,
+    value: Linear,
+}
+
+impl MovesNetwork {
+    /// The network with these weights on `device`, or nothing if they are another architecture's.
+    pub(crate) fn new(weights: &Weights, device: &Device) -> Option<Self> {
+        let [direct, hidden, value] = linears(weights, Architecture::Moves, device)?;
+        Some(Self { direct, hidden, value })
+    }
+
+    /// The value of every move.
+    ///
+    /// # Shapes
+    /// - moves: `[rows, 28]`
+    /// - values: `[rows, 1]`
+    pub(crate) fn forward(&self, moves: Tensor<2>) -> Tensor<2> {
+        let hidden = relu(self.hidden.forward(moves.clone()));
+        self.direct.forward(moves) + self.value.forward(hidden)
+    }
+
+    /// The value of every move, or nothing if the device failed.
+    pub(crate) fn values(&self, moves: &[Features], device: &Device) -> Option<Vec<f32>> {
+        if moves.is_empty() {
+            return Some(Vec::new());
+        }
+        let data = TensorData::new(moves.as_flattened().to_vec(), [moves.len(), FEATURES]);
+        self.forward(Tensor::from_data(data, device)).try_into_data().ok()?.try_into_vec().ok()
+    }
+}
+
+/// The layers of an architecture on `device`, or nothing if the weights are another's.
+fn linears<const N: usize>(weights: &Weights, architecture: Architecture, device: &Device) -> Option<[Linear; N]> {
+    if weights.architecture() != architecture {
+        return None;
+    }
+    let layers: Vec<_> = weights.named().map(|(shape, layer)| linear(shape, layer, device)).collect();
+    layers.try_into().ok()
+}
+
 fn linear(shape: &LayerShape, layer: &Layer, device: &Device) -> Linear {
     let weight = TensorData::new(layer.weight.clone(), [shape.inputs, shape.outputs]);
     let bias = TensorData::new(layer.bias.clone(), [shape.outputs]);
@@ -101,6 +139,25 @@ mod tests {
         joined.extend(wide(&batch.y[row * Y_LEN..(row + 1) * Y_LEN]));
         joined.extend(wide(&batch.one_hot()[row * Z_LEN..(row + 1) * Z_LEN]));
         dense(4, &tanh(dense(3, &tanh(dense(2, &tanh(dense(1, &joined)))))))[0]
+    }
+
+    #[test]
+    fn both_engines_compute_the_moves_network() {
+        let mut draw = Draw::new(0, 0, 1);
+        let weights = Weights::untrained(Architecture::Moves, &mut draw);
+        let numbers: Vec<f32> = weights.to_numbers().iter().map(|n| n + draw.unit() as f32 - 0.5).collect();
+        let weights = Weights::from_numbers(Architecture::Moves, &numbers).unwrap();
+        assert_eq!(weights.to_numbers(), numbers);
+        assert_eq!(Weights::from_numbers(Architecture::Moves, &numbers[1..]), None);
+        let moves: Vec<Features> = (0..7).map(|_| std::array::from_fn(|_| draw.unit() as f32)).collect();
+        for name in Engine::NAMES {
+            let device = name.parse::<Engine>().unwrap().device();
+            let values = MovesNetwork::new(&weights, &device).unwrap().values(&moves, &device).unwrap();
+            for (features, value) in moves.iter().zip(values) {
+                let expected = weights.value_of_move(features);
+                assert!((value - expected).abs() < 1e-5, "{name}: {value} and not {expected}");
+            }
+        }
     }
 
     fn random_batch(rows: usize, draw: &mut Draw) -> Batch {

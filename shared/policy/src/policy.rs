@@ -6,18 +6,24 @@ use std::str::FromStr;
 use burn::tensor::Device;
 use packing::{Candidate, Extent, Grid, Heuristic};
 
-use crate::encoding::{Batch, Encoder};
+use crate::encoding::{Batch, Encoder, Encoding};
 use crate::engine::Engine;
-use crate::model::{ContainerOrder, Model};
-use crate::network::Network;
+use crate::lookahead::{self, Plan, UPCOMING_MAX};
+use crate::model::{ContainerOrder, Model, ModelError};
+use crate::moves::{ContainerView, Features, features};
+use crate::network::{MovesNetwork, Network};
 
 /// How a policy comes to its choice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PolicyKind {
     /// WallE's score, without a network: the highest in the first container that has a candidate.
     Walle,
-    /// The highest value by the network of a model.
+    /// The highest value by the paper's network, among the candidates of the first container that has any.
+    PackmanPublished,
+    /// The highest value by the network of moves, among all candidates.
     Packman,
+    /// The first move of the best plan for this box and those known to follow, by the network of moves.
+    PackmanLookahead,
 }
 
 /// A name that no policy has.
@@ -39,10 +45,15 @@ pub struct Policy {
 struct Scorer {
     fingerprint: u64,
     container_order: ContainerOrder,
-    network: Network,
     device: Device,
-    encoder: Encoder,
-    batch: Batch,
+    judge: Judge,
+}
+
+/// A network with what turns candidates into its input.
+#[derive(Debug)]
+enum Judge {
+    Published { network: Network, encoder: Encoder, batch: Batch },
+    Moves { network: MovesNetwork, moves: Vec<Features> },
 }
 
 /// The chosen candidate.
@@ -52,6 +63,17 @@ pub struct Choice {
     pub index: usize,
     /// What the policy thinks of it; comparable only within one decision.
     pub value: f32,
+    /// Boxes the choice was planned for, the current one included.
+    pub depth: u8,
+    /// Width of the widest finished beam of the plan; 0 for a choice without a plan.
+    pub width: u16,
+}
+
+impl Choice {
+    /// A choice by its own value alone.
+    fn greedy(index: usize, value: f32) -> Self {
+        Self { index, value, depth: 1, width: 0 }
+    }
 }
 
 /// Why a policy cannot be made.
@@ -60,6 +82,16 @@ pub enum PolicyError {
     /// The kind has a network and no model was given.
     #[error("the policy {0} needs a model: give a model file, or use walle")]
     NoModel(PolicyKind),
+    /// The model's network is not the one that the kind uses.
+    #[error(
+        "the policy {kind} needs another model than one that reads the encoding {encoding:?}: give its own model file"
+    )]
+    OtherModel {
+        /// The kind asked for.
+        kind: PolicyKind,
+        /// The input of the model given.
+        encoding: String,
+    },
 }
 
 /// The network gave a value that is no finite number, so nothing can be chosen by it.
@@ -81,11 +113,14 @@ impl Policy {
     /// # Errors
     /// [`PolicyError`] if the kind needs a model and none is given.
     pub fn new(kind: PolicyKind, engine: Engine, model: Option<&Model>) -> Result<Self, PolicyError> {
-        let scorer = match kind {
-            PolicyKind::Walle => None,
-            PolicyKind::Packman => {
-                Some(model.and_then(|model| Scorer::new(engine, model)).ok_or(PolicyError::NoModel(kind))?)
-            }
+        let scorer = if kind == PolicyKind::Walle {
+            None
+        } else {
+            let model = model.ok_or(PolicyError::NoModel(kind))?;
+            let encoding = model.card().encoding;
+            let is_its_own = (encoding == Encoding::Moves) != (kind == PolicyKind::PackmanPublished);
+            let scorer = is_its_own.then(|| Scorer::new(engine, model)).flatten();
+            Some(scorer.ok_or_else(|| PolicyError::OtherModel { kind, encoding: encoding.to_string() })?)
         };
         Ok(Self { kind, engine, scorer })
     }
@@ -117,36 +152,107 @@ impl Policy {
         &mut self,
         grid: &Grid,
         extent: Extent,
-        _upcoming: &[Extent],
+        upcoming: &[Extent],
         candidates: &[Candidate],
     ) -> Result<Option<Choice>, NotFinite> {
-        match &mut self.scorer {
-            None => {
-                Ok(Heuristic::walle_choice(candidates).map(|index| Choice { index, value: candidates[index].walle }))
-            }
-            Some(scorer) => scorer.choose(grid, extent, candidates),
+        self.choose_within(grid, extent, upcoming, candidates, &mut || false)
+    }
+
+    /// As [`Policy::choose`], and stops planning once `is_over` says so: the best choice so far is given. It is
+    /// asked every few ten microseconds. A choice without a plan takes no notice of it.
+    ///
+    /// # Errors
+    /// [`NotFinite`] if the network fails.
+    pub fn choose_within(
+        &mut self,
+        grid: &Grid,
+        extent: Extent,
+        upcoming: &[Extent],
+        candidates: &[Candidate],
+        is_over: &mut dyn FnMut() -> bool,
+    ) -> Result<Option<Choice>, NotFinite> {
+        let Some(scorer) = &mut self.scorer else {
+            let greedy = |index| Choice::greedy(index, candidates[index].walle);
+            return Ok(Heuristic::walle_choice(candidates).map(greedy));
+        };
+        let values = scorer.values(grid, extent, candidates)?;
+        if self.kind != PolicyKind::PackmanLookahead {
+            return best(&values);
         }
+        let candidates = scorer.container_order.considered(candidates);
+        let upcoming = upcoming.iter().take(UPCOMING_MAX);
+        let extents = [extent].into_iter().chain(upcoming.copied()).collect();
+        let plan = lookahead::plan(grid, extents, candidates, &values, scorer, is_over)?;
+        Ok(plan.map(|Plan { first, measure, depth, width }| Choice { index: first, value: measure, depth, width }))
     }
 }
 
 impl Scorer {
     fn new(engine: Engine, model: &Model) -> Option<Self> {
         let device = engine.device();
-        Some(Self {
-            fingerprint: model.fingerprint(),
-            container_order: model.card().container_order,
-            network: Network::new(model.weights(), &device)?,
-            device,
-            encoder: Encoder::new(model.card().encoding),
-            batch: Batch::default(),
-        })
+        let judge = match model.card().encoding {
+            Encoding::Published(walls) => Judge::Published {
+                network: Network::new(model.weights(), &device)?,
+                encoder: Encoder::new(walls),
+                batch: Batch::default(),
+            },
+            Encoding::Moves => {
+                Judge::Moves { network: MovesNetwork::new(model.weights(), &device)?, moves: Vec::new() }
+            }
+        };
+        Some(Self { fingerprint: model.fingerprint(), container_order: model.card().container_order, device, judge })
     }
 
-    fn choose(&mut self, grid: &Grid, extent: Extent, candidates: &[Candidate]) -> Result<Option<Choice>, NotFinite> {
+    /// The values of the candidates that the model looks at, all finite.
+    fn values(&mut self, grid: &Grid, extent: Extent, candidates: &[Candidate]) -> Result<Vec<f32>, NotFinite> {
         let candidates = self.container_order.considered(candidates);
-        self.encoder.encode(grid, extent, candidates, &mut self.batch);
-        let values = self.network.values(&self.batch, &self.device).ok_or(NotFinite { candidate: 0 })?;
-        best(&values)
+        let values = match &mut self.judge {
+            Judge::Published { network, encoder, batch } => {
+                encoder.encode(grid, extent, candidates, batch);
+                network.values(batch, &self.device)
+            }
+            Judge::Moves { network, moves } => {
+                describe(grid, extent, candidates, moves);
+                network.values(moves, &self.device)
+            }
+        };
+        finite(values)
+    }
+}
+
+impl lookahead::Value for Scorer {
+    type Error = NotFinite;
+
+    fn values(&mut self, moves: &[Features]) -> Result<Vec<f32>, NotFinite> {
+        finite(match &self.judge {
+            Judge::Moves { network, .. } => network.values(moves, &self.device),
+            Judge::Published { .. } => None,
+        })
+    }
+}
+
+/// The values if there are any and all are finite.
+fn finite(values: Option<Vec<f32>>) -> Result<Vec<f32>, NotFinite> {
+    let values = values.ok_or(NotFinite { candidate: 0 })?;
+    let bad = values.iter().position(|value| !value.is_finite());
+    bad.map_or(Ok(values), |candidate| Err(NotFinite { candidate }))
+}
+
+/// Writes the features of every candidate; candidates of one container stand together.
+fn describe(grid: &Grid, extent: Extent, candidates: &[Candidate], moves: &mut Vec<Features>) {
+    moves.clear();
+    let open = grid.open_slots().count() as u16;
+    let rank = |slot: u16| (0..).zip(grid.open_slots()).find(|&(_, s)| s == slot).map_or(open, |(rank, _)| rank);
+    let mut seen: Option<(u16, ContainerView)> = None;
+    for candidate in candidates {
+        let placement = candidate.placement;
+        let surface = grid.slots()[usize::from(placement.slot)].surface();
+        let view = match seen {
+            Some((slot, view)) if slot == placement.slot => view,
+            _ => ContainerView::of(surface, rank(placement.slot), open),
+        };
+        seen = Some((placement.slot, view));
+        moves.push(features(surface, &view, extent.turned(placement.yaw), placement));
     }
 }
 
@@ -157,7 +263,7 @@ pub(crate) fn best(values: &[f32]) -> Result<Option<Choice>, NotFinite> {
     }
     let better = |best: Option<Choice>, (index, &value): (usize, &f32)| match best {
         Some(choice) if choice.value >= value => best,
-        _ => Some(Choice { index, value }),
+        _ => Some(Choice::greedy(index, value)),
     };
     Ok(values.iter().enumerate().fold(None, better))
 }
@@ -178,14 +284,28 @@ impl ContainerOrder {
 
 impl PolicyKind {
     /// The names of all policies, as [`FromStr`] reads them.
-    pub const NAMES: [&str; 2] = ["walle", "packman"];
+    pub const NAMES: [&str; 4] = ["walle", "packman-published", "packman", "packman-lookahead"];
+
+    /// The model that ships for this kind; nothing if it needs none.
+    ///
+    /// # Errors
+    /// [`ModelError`] if it is damaged, which a test of this crate rules out.
+    pub fn built_in_model(self) -> Result<Option<Model>, ModelError> {
+        match self {
+            Self::Walle => Ok(None),
+            Self::PackmanPublished => Model::built_in_published().map(Some),
+            Self::Packman | Self::PackmanLookahead => Model::built_in().map(Some),
+        }
+    }
 }
 
 impl fmt::Display for PolicyKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Walle => "walle",
+            Self::PackmanPublished => "packman-published",
             Self::Packman => "packman",
+            Self::PackmanLookahead => "packman-lookahead",
         })
     }
 }
@@ -196,7 +316,9 @@ impl FromStr for PolicyKind {
     fn from_str(name: &str) -> Result<Self, Self::Err> {
         match name {
             "walle" => Ok(Self::Walle),
+            "packman-published" => Ok(Self::PackmanPublished),
             "packman" => Ok(Self::Packman),
+            "packman-lookahead" => Ok(Self::PackmanLookahead),
             _ => Err(PolicyKindError(name.to_owned())),
         }
     }
@@ -222,16 +344,17 @@ mod tests {
     #[test]
     fn every_policy_chooses_the_same_on_every_engine_and_every_time() {
         let (grid, extent, candidates) = decision();
-        let model = Model::built_in().unwrap();
+        let upcoming = [Extent { length: 12, breadth: 8, height: 20 }, Extent { length: 5, breadth: 5, height: 5 }];
         for kind in PolicyKind::NAMES.map(|name| name.parse::<PolicyKind>().unwrap()) {
+            let model = kind.built_in_model().unwrap();
             let mut chosen = Vec::new();
             for engine in Engine::NAMES.map(|name| name.parse::<Engine>().unwrap()) {
-                let mut policy = Policy::new(kind, engine, Some(&model)).unwrap();
+                let mut policy = Policy::new(kind, engine, model.as_ref()).unwrap();
                 for _ in 0..2 {
-                    chosen.push(policy.choose(&grid, extent, &[], &candidates).unwrap().unwrap().index);
+                    chosen.push(policy.choose(&grid, extent, &upcoming, &candidates).unwrap().unwrap().index);
                 }
-                assert_eq!(policy.choose(&grid, extent, &[], &[]), Ok(None), "{kind} of nothing");
-                let fingerprint = if kind == PolicyKind::Walle { 0 } else { model.fingerprint() };
+                assert_eq!(policy.choose(&grid, extent, &upcoming, &[]), Ok(None), "{kind} of nothing");
+                let fingerprint = model.as_ref().map_or(0, Model::fingerprint);
                 assert_eq!((policy.kind(), policy.engine(), policy.fingerprint()), (kind, engine, fingerprint));
             }
             assert!(chosen.iter().all(|&index| index == chosen[0]), "{kind}: {chosen:?}");
@@ -250,8 +373,8 @@ mod tests {
 
     #[test]
     fn the_earlier_of_equal_values_is_chosen_and_nonsense_is_refused() {
-        assert_eq!(best(&[1.0, 3.0, 3.0, 2.0]), Ok(Some(Choice { index: 1, value: 3.0 })));
-        assert_eq!(best(&[0.0, -0.0]), Ok(Some(Choice { index: 0, value: 0.0 })));
+        assert_eq!(best(&[1.0, 3.0, 3.0, 2.0]), Ok(Some(Choice::greedy(1, 3.0))));
+        assert_eq!(best(&[0.0, -0.0]), Ok(Some(Choice::greedy(0, 0.0))));
         assert_eq!(best(&[]), Ok(None));
         assert_eq!(best(&[1.0, f32::NAN, 3.0]), Err(NotFinite { candidate: 1 }));
         assert_eq!(best(&[f32::INFINITY]), Err(NotFinite { candidate: 0 }));
@@ -262,6 +385,6 @@ mod tests {
         let error = Policy::new(PolicyKind::Packman, Engine::BurnFlex, None).unwrap_err();
         assert_eq!(error, PolicyError::NoModel(PolicyKind::Packman));
         assert!(Policy::new(PolicyKind::Walle, Engine::BurnFlex, None).is_ok());
-        assert!("packmann".parse::<PolicyKind>().unwrap_err().to_string().contains("walle, packman"));
+        assert!("packmann".parse::<PolicyKind>().unwrap_err().to_string().contains("walle, packman-published"));
     }
 }

@@ -3,12 +3,19 @@
 use packing::Draw;
 use serde::{Deserialize, Serialize};
 
+use crate::moves::{FEATURES, Features};
+
 /// Networks this project knows, by the shape of their layers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Architecture {
     /// The paper's: `x` -> 144; with `y` and `z` -> 144 -> 24 -> 4 -> 1. Paper: "Architecture".
     Published,
+    /// A small one over the features of one move: a linear score and a correction by a hidden layer.
+    Moves,
 }
+
+/// Units in the hidden layer of [`Architecture::Moves`].
+pub const HIDDEN_UNITS: usize = 8;
 
 /// The shape of one dense layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,13 +34,14 @@ const fn layer(name: &'static str, inputs: usize, outputs: usize) -> LayerShape 
 
 impl Architecture {
     /// All architectures.
-    pub const ALL: [Self; 1] = [Self::Published];
+    pub const ALL: [Self; 2] = [Self::Published, Self::Moves];
 
     /// The name in model files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Published => "432-144-144-24-4-1",
+            Self::Moves => "moves 28-8-1 beside 28-1",
         }
     }
 
@@ -55,6 +63,15 @@ impl Architecture {
                         layer("third", 144, 24),
                         layer("fourth", 24, 4),
                         layer("value", 4, 1),
+                    ]
+                }
+            }
+            Self::Moves => {
+                const {
+                    &[
+                        layer("direct", FEATURES, 1),
+                        layer("hidden", FEATURES, HIDDEN_UNITS),
+                        layer("value", HIDDEN_UNITS, 1),
                     ]
                 }
             }
@@ -113,6 +130,47 @@ impl Weights {
     #[must_use]
     pub fn layers(&self) -> &[Layer] {
         &self.layers
+    }
+
+    /// All numbers in the order of the layers, each layer's weight before its bias.
+    #[must_use]
+    pub fn to_numbers(&self) -> Vec<f32> {
+        self.layers.iter().flat_map(|layer| layer.weight.iter().chain(&layer.bias).copied()).collect()
+    }
+
+    /// The network with these numbers, or nothing if there are too few or too many.
+    #[must_use]
+    pub fn from_numbers(architecture: Architecture, numbers: &[f32]) -> Option<Self> {
+        let mut rest = numbers;
+        let mut take = |count: usize| {
+            let (taken, left) = rest.split_at_checked(count)?;
+            rest = left;
+            Some(taken.to_vec())
+        };
+        let mut layers = Vec::new();
+        for shape in architecture.layers() {
+            layers.push(Layer { weight: take(shape.inputs * shape.outputs)?, bias: take(shape.outputs)? });
+        }
+        rest.is_empty().then_some(Self { architecture, layers })
+    }
+
+    /// The value of a move by an [`Architecture::Moves`], computed here and now: the definition that the engines
+    /// are held to, and the fast way through whole episodes. Another architecture's value is not a number.
+    #[must_use]
+    pub fn value_of_move(&self, features: &Features) -> f32 {
+        let (Architecture::Moves, [direct, hidden, value]) = (self.architecture, self.layers.as_slice()) else {
+            return f32::NAN;
+        };
+        let mut units = [0.0f32; HIDDEN_UNITS];
+        units.copy_from_slice(&hidden.bias);
+        let mut sum = direct.bias[0] + value.bias[0];
+        for (k, &feature) in features.iter().enumerate() {
+            sum += feature * direct.weight[k];
+            for (unit, weight) in units.iter_mut().zip(&hidden.weight[k * HIDDEN_UNITS..(k + 1) * HIDDEN_UNITS]) {
+                *unit += feature * weight;
+            }
+        }
+        sum + units.iter().zip(&value.weight).map(|(unit, weight)| unit.max(0.0) * weight).sum::<f32>()
     }
 
     /// Shape and numbers of every layer.
