@@ -1,6 +1,6 @@
 //! The data sets that have a name and are generated.
 
-use packing::{CutRule, Episode, Order, Recipe, RecipeError, Split};
+use packing::{ContainerSize, CutRule, Episode, Order, Recipe, RecipeError, Split};
 
 use crate::{DataSet, Skipped};
 
@@ -17,7 +17,7 @@ pub struct Named {
 }
 
 /// Every named data set.
-pub const NAMED: [Named; 6] = [
+pub const NAMED: [Named; 7] = [
     Named {
         name: "standard",
         about: "10 containers of 45 x 80 x 50 cm, 230 to 370 boxes, 5 cm lattice, shuffled",
@@ -54,6 +54,20 @@ pub const NAMED: [Named; 6] = [
         slots: 16,
         recipe: || Recipe { cut_rule: CutRule::Balanced, ..Recipe::standard() },
     },
+    Named {
+        name: "ten",
+        about: "100 boxes with sides of 1 to 5 cells for one container of 10 x 10 x 10, as the single-container literature",
+        slots: 1,
+        recipe: || Recipe {
+            container: ContainerSize::TEN,
+            lattice_mm: 10,
+            side_min_mm: 10,
+            optimum: 1,
+            boxes_per_container: 100..=100,
+            cut_rule: CutRule::Uncut { side_max_mm: 50 },
+            order: Order::Shuffled,
+        },
+    },
 ];
 
 /// A name that no data set has.
@@ -86,7 +100,7 @@ impl Named {
         Ok(DataSet {
             name: self.name.to_owned(),
             container: recipe.container,
-            optimum: Some(recipe.optimum),
+            optimum: recipe.known_optimum(),
             episodes: (0..episodes as u64).map(boxes).collect::<Result<_, _>>()?,
             skipped: Skipped::default(),
         })

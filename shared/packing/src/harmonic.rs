@@ -1,7 +1,7 @@
 //! Harmonic columns, and a place at random: the two ends of the baselines.
 
 use crate::candidates::push_corners;
-use crate::{ContainerOrder, Draw, Extent, Grid, Placement, Surface, WalleWeights};
+use crate::{ContainerOrder, ContainerSize, Draw, Extent, Grid, Placement, Surface, WalleWeights};
 
 /// A runnable relative of the harmonic algorithms, whose published form is one-dimensional.
 ///
@@ -21,7 +21,7 @@ pub struct HarmonicColumns {
 struct Floor {
     container: u32,
     slot: u16,
-    /// Height 1 where a column has been laid out.
+    /// One cell high, and full where a column has been laid out.
     reserved: Surface,
     columns: Vec<Column>,
 }
@@ -43,7 +43,9 @@ impl HarmonicColumns {
             let slot = grid.fresh_slot()?;
             let container = grid.slots()[usize::from(slot)].container();
             self.floors.retain(|floor| floor.slot != slot);
-            self.floors.push(Floor { container, slot, reserved: Surface::empty(grid.size()), columns: Vec::new() });
+            let size = grid.size();
+            let flat = ContainerSize::new(size.length(), size.breadth(), 1, size.cell_mm()).ok()?;
+            self.floors.push(Floor { container, slot, reserved: Surface::empty(flat), columns: Vec::new() });
             self.on_the_floor(grid, extent)
         })
     }
@@ -77,7 +79,7 @@ impl HarmonicColumns {
             let Some(class) = class(grid, turned) else { continue };
             let column = Extent { length: size.length() / class[0], breadth: size.breadth() / class[1], height: 1 };
             for floor in &mut self.floors {
-                let free = floor.reserved.feasible(column).find(|&(_, _, base)| base == 0);
+                let free = floor.reserved.feasible(column).next();
                 if let Some((i, j, _)) = free
                     && turned.height <= size.height()
                     && floor.reserved.place(column, i, j).is_ok()
@@ -116,7 +118,7 @@ pub fn random_place(order: ContainerOrder, grid: &Grid, extent: Extent, draw: &m
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BoxSpec, ClosePolicy, ContainerSize, Environment, Recipe, Split, Step};
+    use crate::{BoxSpec, ClosePolicy, Environment, Recipe, Split, Step};
 
     /// A 4 x 6 floor of height 5, and boxes of 2 x 2 (class 2, 3), of 1 x 2 (class 4, 3) and of 3 x 3 (class 1, 2).
     #[test]

@@ -1,5 +1,7 @@
 //! The heights of one container, made ready for questions.
 
+use std::ops::Range;
+
 use crate::{ContainerSize, Extent, Support};
 
 /// One container seen from above: the height of every cell, row by row along `i`.
@@ -171,17 +173,13 @@ impl Surface {
         let (i_end, j_end) = (i + usize::from(extent.length), j + usize::from(extent.breadth));
         let (mut base, mut level) = (0, 0);
         for row in i..i_end {
-            let mut here = row * breadth + j;
-            let end = row * breadth + j_end;
-            while here < end {
-                let run = usize::from(self.run_j[here]).min(end - here);
-                if self.heights[here] > base {
-                    (base, level) = (self.heights[here], 0);
+            for (height, cells) in self.runs_along_j(row as u16, j as u16..j_end as u16) {
+                if height > base {
+                    (base, level) = (height, 0);
                 }
-                if self.heights[here] == base {
-                    level += run as u64;
+                if height == base {
+                    level += u64::from(cells);
                 }
-                here += run;
             }
         }
         if u32::from(base) + u32::from(extent.height) > u32::from(self.size.height()) {
@@ -192,6 +190,18 @@ impl Surface {
         let level_corners = corners.as_flattened().iter().filter(|&&height| height == base).count();
         let area = u64::from(extent.length) * u64::from(extent.breadth);
         Support::suffices(level, area, level_corners).then_some(base)
+    }
+
+    /// The heights [cells] of row `i` from one end of `j` to the other, as runs of equal ones: `(height, cells)`.
+    pub(crate) fn runs_along_j(&self, i: u16, j: Range<u16>) -> impl Iterator<Item = (u16, u16)> + '_ {
+        let row = usize::from(i) * usize::from(self.size.breadth());
+        runs(&self.heights, &self.run_j, row + usize::from(j.start), j.end - j.start, 1)
+    }
+
+    /// The heights [cells] of column `j` from one end of `i` to the other, as runs of equal ones: `(height, cells)`.
+    pub(crate) fn runs_along_i(&self, i: Range<u16>, j: u16) -> impl Iterator<Item = (u16, u16)> + '_ {
+        let breadth = usize::from(self.size.breadth());
+        runs(&self.heights, &self.run_i, usize::from(i.start) * breadth + usize::from(j), i.end - i.start, breadth)
     }
 
     /// All feasible places of a box of `extent` (already turned), in scan order: `(i, j, base)`.
@@ -224,7 +234,7 @@ impl Surface {
         self.refresh_corners();
     }
 
-    fn refresh_runs_j(&mut self, rows: std::ops::Range<usize>) {
+    fn refresh_runs_j(&mut self, rows: Range<usize>) {
         let breadth = usize::from(self.size.breadth());
         for row in rows {
             let heights = &self.heights[row * breadth..(row + 1) * breadth];
@@ -238,7 +248,7 @@ impl Surface {
         }
     }
 
-    fn refresh_runs_i(&mut self, columns: std::ops::Range<usize>) {
+    fn refresh_runs_i(&mut self, columns: Range<usize>) {
         let (length, breadth) = (usize::from(self.size.length()), usize::from(self.size.breadth()));
         let last = (length - 1) * breadth;
         self.run_i[last + columns.start..last + columns.end].fill(1);
@@ -274,6 +284,23 @@ impl Surface {
             }
         }
     }
+}
+
+/// The runs of equal heights among the `cells` from `here` on, `step` apart, each at most as long as `run` says.
+fn runs<'a>(
+    heights: &'a [u16],
+    run: &'a [u16],
+    mut here: usize,
+    mut cells: u16,
+    step: usize,
+) -> impl Iterator<Item = (u16, u16)> + 'a {
+    std::iter::from_fn(move || {
+        let length = (cells > 0).then(|| run[here].min(cells))?;
+        let height = heights[here];
+        cells -= length;
+        here += usize::from(length) * step;
+        Some((height, length))
+    })
 }
 
 /// The feasible places of one box in one row, left to right.

@@ -70,38 +70,32 @@ struct Border {
 }
 
 impl Border {
+    /// Goes along the four sides run by run, since neighbouring cells mostly share their height.
     fn of(surface: &Surface, extent: Extent, i: u16, j: u16, top: u16) -> Self {
         let size = surface.size();
-        let (first_row, end_row) = (usize::from(i), usize::from(i + extent.length));
-        let (first_column, end_column) = (usize::from(j), usize::from(j + extent.breadth));
+        let (i_end, j_end) = (i + extent.length, j + extent.breadth);
         let mut border = Self::default();
-        if first_row > 0 {
-            border.add_run(&surface.row(first_row - 1)[first_column..end_column], top);
+        if i > 0 {
+            border.add(surface.runs_along_j(i - 1, j..j_end), top);
         }
-        if end_row < usize::from(size.length()) {
-            border.add_run(&surface.row(end_row)[first_column..end_column], top);
+        if i_end < size.length() {
+            border.add(surface.runs_along_j(i_end, j..j_end), top);
         }
-        for row in first_row..end_row {
-            let row = surface.row(row);
-            if first_column > 0 {
-                border.add(row[first_column - 1], top);
-            }
-            if end_column < row.len() {
-                border.add(row[end_column], top);
-            }
+        if j > 0 {
+            border.add(surface.runs_along_i(i..i_end, j - 1), top);
+        }
+        if j_end < size.breadth() {
+            border.add(surface.runs_along_i(i..i_end, j_end), top);
         }
         border
     }
 
-    fn add(&mut self, cell: u16, top: u16) {
-        self.variation += u32::from(cell.abs_diff(top));
-        self.higher += u32::from(cell > top);
-        self.flush += u32::from(cell == top);
-    }
-
-    fn add_run(&mut self, cells: &[u16], top: u16) {
-        for &cell in cells {
-            self.add(cell, top);
+    fn add(&mut self, runs: impl Iterator<Item = (u16, u16)>, top: u16) {
+        for (height, cells) in runs {
+            let cells = u32::from(cells);
+            self.variation += cells * u32::from(height.abs_diff(top));
+            self.higher += cells * u32::from(height > top);
+            self.flush += cells * u32::from(height == top);
         }
     }
 }

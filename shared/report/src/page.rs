@@ -50,7 +50,16 @@ impl Page {
 
     /// Adds SVG pictures of this crate with their captions, side by side as far as there is room.
     pub fn gallery(&mut self, figures: impl IntoIterator<Item = (String, String)>) {
-        self.body.push_str("<div class=\"gallery\">\n");
+        self.push_gallery("gallery", figures);
+    }
+
+    /// As [`Page::gallery`], for charts, which need more room each.
+    pub fn gallery_wide(&mut self, figures: impl IntoIterator<Item = (String, String)>) {
+        self.push_gallery("gallery wide", figures);
+    }
+
+    fn push_gallery(&mut self, class: &str, figures: impl IntoIterator<Item = (String, String)>) {
+        let _ = writeln!(self.body, "<div class=\"{class}\">");
         for (svg, caption) in figures {
             self.figure(&svg, &caption);
         }
