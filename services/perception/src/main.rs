@@ -1,2 +1,64 @@
-//! Stub.
-fn main() {}
+//! `perception`: the stub of belt, containers, sensor and arm.
+//!
+//! Reads `packcell/commands`; writes `packcell/belief`, `packcell/boxes` and `packcell/motions`. An integrator
+//! replaces it by whatever drives the real camera and arm.
+
+use clap::Parser;
+use messages::topics::{BELIEF, BOXES, COMMANDS, MOTIONS, Role};
+use packing::Grid;
+use perception::{Behaviour, Belt, Perception, Say};
+use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
+use tracing::info;
+
+const NS_PER_MS: u64 = 1_000_000;
+
+/// Stands in for the belt, the containers, the sensor and the arm.
+#[derive(Parser)]
+#[command(version)]
+struct Args {
+    #[command(flatten)]
+    service: ServiceArgs,
+}
+
+fn main() -> anyhow::Result<()> {
+    let config = Args::parse().service.load()?;
+    let (size, settings) = (config.container_size()?, &config.perception);
+    let behaviour = Behaviour {
+        pace_ns: settings.pace_ms * NS_PER_MS,
+        motion_ns: settings.motion_ms * NS_PER_MS,
+        repeat_ns: settings.repeat_ms * NS_PER_MS,
+        upcoming: settings.upcoming,
+    };
+    let belt = Belt::open(&settings.stream, settings.seed, settings.episodes, size)?;
+    let grid = Grid::new(size, config.container.slots)?;
+
+    let bus = Bus::join(&config.bus, Role::Perception)?;
+    let mut beliefs = bus.publisher(&BELIEF)?;
+    let mut queues = bus.publisher(&BOXES)?;
+    let mut motions = bus.publisher(&MOTIONS)?;
+    let bell = bus.bell()?;
+    let commands = bus.subscriber(&COMMANDS)?;
+    let mut reporter = Reporter::new(&bus, &format!("stub: {}", settings.stream))?;
+    let mut perception = Perception::new(behaviour, grid, belt, monotonic_ns());
+    info!(stream = settings.stream, "ready");
+
+    let mut say = vec![Say::Belief];
+    while bell.wait(if say.is_empty() { perception.wake_ns() } else { Some(0) })? {
+        while let Some(command) = commands.receive()? {
+            perception.on_command(&command, monotonic_ns(), &mut say);
+        }
+        perception.on_time(monotonic_ns(), &mut say);
+        for said in say.drain(..) {
+            match said {
+                Say::Motion(report) => motions.publish(0, |motion| *motion = report)?,
+                Say::Belief => beliefs.publish(0, |belief| belief.write(perception.grid()))?,
+                Say::Boxes(observed_ns) => queues.publish(observed_ns, |queue| perception.write_boxes(queue))?,
+            };
+        }
+        beliefs.greet_newcomers()?;
+        motions.greet_newcomers()?;
+        reporter.report_if_due(perception.tally())?;
+    }
+    info!("stopped");
+    Ok(())
+}

@@ -1,1 +1,208 @@
-//! Stub.
+//! Candidate set to decision.
+//!
+//! Keeps nothing between boxes but a copy of the grid and its last verdict. A restart loses nothing: the next
+//! repetition of the set is answered, and meanwhile the commander has other opinions.
+
+use messages::topics::SCORERS_MAX;
+use messages::{Belief, CandidateSet, Decision, GridCopy, Malformed, WireBox};
+use packing::{BoxSpec, Candidate, ContainerSize, Extent, Grid, WalleWeights, corner_candidates};
+use policy::{NotFinite, Policy};
+use runtime::Tally;
+
+/// A scorer's state between two events.
+#[derive(Debug)]
+pub struct Scorer {
+    policy: Policy,
+    instance: u32,
+    grid: GridCopy,
+    candidates: Vec<Candidate>,
+    upcoming: Vec<Extent>,
+    tally: Tally,
+}
+
+/// The answer to one set, ready to be written where the commander will read it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    box_id: u64,
+    revision: u64,
+    set_digest: u64,
+    observed_ns: u64,
+    model: u64,
+    instance: u32,
+    best: u32,
+    value: f32,
+    depth: u32,
+}
+
+/// Why a set has no answer.
+#[derive(Debug, thiserror::Error)]
+enum Refusal {
+    #[error(transparent)]
+    Malformed(#[from] Malformed),
+    #[error(transparent)]
+    NotFinite(#[from] NotFinite),
+}
+
+/// A letter that names no instance.
+#[derive(Debug, thiserror::Error)]
+#[error("there is no scorer instance {0:?}: use a letter from a to {last}", last = (b'a' + SCORERS_MAX as u8 - 1) as char)]
+pub struct InstanceError(pub String);
+
+/// The number of the instance that a letter names: `a` is 0.
+///
+/// # Errors
+/// [`InstanceError`] for anything but a letter from `a` to `h`.
+pub fn parse_instance(letter: &str) -> Result<u32, InstanceError> {
+    match letter.as_bytes() {
+        &[byte @ b'a'..=b'z'] if usize::from(byte - b'a') < SCORERS_MAX => Ok(u32::from(byte - b'a')),
+        _ => Err(InstanceError(letter.to_owned())),
+    }
+}
+
+impl Scorer {
+    /// The instance of this number with this policy.
+    #[must_use]
+    pub fn new(policy: Policy, instance: u32) -> Self {
+        let (candidates, upcoming) = (Vec::new(), Vec::new());
+        Self { policy, instance, grid: GridCopy::default(), candidates, upcoming, tally: Tally::default() }
+    }
+
+    /// Scores a box on empty containers, so that the first real box does not pay for what is done only once.
+    pub fn warm_up(&mut self, size: ContainerSize, slots: usize) {
+        let Ok(grid) = Grid::new(size, slots) else { return };
+        let extent = Extent { length: 1, breadth: 1, height: 1 };
+        corner_candidates(&grid, extent, &WalleWeights::PAPER, &mut self.candidates);
+        for _ in 0..10 {
+            let _only_the_exercise_counts = self.policy.choose(&grid, extent, &[extent], &self.candidates);
+        }
+    }
+
+    /// The policy's answer to a set; nothing if the set is empty, or if set and belief are not of one revision.
+    pub fn decide(&mut self, set: &CandidateSet, belief: &Belief) -> Option<Verdict> {
+        if set.revision != belief.revision {
+            self.tally.pass_over();
+            return None;
+        }
+        match self.try_decide(set, belief) {
+            Ok(verdict) => {
+                self.tally.handle(set.current.id);
+                verdict
+            }
+            Err(refusal) => {
+                self.tally.refuse(&refusal);
+                None
+            }
+        }
+    }
+
+    fn try_decide(&mut self, set: &CandidateSet, belief: &Belief) -> Result<Option<Verdict>, Refusal> {
+        let spec = set.spec()?;
+        set.read_candidates(&mut self.candidates)?;
+        let grid = self.grid.follow(belief)?;
+        if let Some(stray) = self.candidates.iter().find(|c| usize::from(c.placement.slot) >= grid.slots().len()) {
+            return Err(Malformed::Unknown { field: "slot", value: stray.placement.slot.into() }.into());
+        }
+        let cell_mm = grid.size().cell_mm();
+        let extent_of = |&wire: &WireBox| BoxSpec::try_from(wire).map(|spec| spec.extent(cell_mm));
+        self.upcoming.clear();
+        for wire in set.known_upcoming()? {
+            self.upcoming.push(extent_of(wire)?);
+        }
+        let choice = self.policy.choose(grid, spec.extent(cell_mm), &self.upcoming, &self.candidates)?;
+        Ok(choice.map(|choice| Verdict {
+            box_id: spec.id(),
+            revision: set.revision,
+            set_digest: set.digest,
+            observed_ns: set.header.observed_ns,
+            model: self.policy.fingerprint(),
+            instance: self.instance,
+            best: choice.index as u32,
+            value: choice.value,
+            depth: 0,
+        }))
+    }
+
+    /// What it did so far.
+    #[must_use]
+    pub fn tally(&self) -> &Tally {
+        &self.tally
+    }
+}
+
+impl Verdict {
+    /// When the observation that it answers was made [ns].
+    #[must_use]
+    pub fn observed_ns(&self) -> u64 {
+        self.observed_ns
+    }
+
+    /// Writes the decision for a set that was received at `received_ns`.
+    pub fn write(&self, decision: &mut Decision, received_ns: u64) {
+        decision.received_ns = received_ns;
+        (decision.box_id, decision.revision, decision.set_digest) = (self.box_id, self.revision, self.set_digest);
+        (decision.model, decision.instance) = (self.model, self.instance);
+        (decision.best, decision.value, decision.depth) = (self.best, self.value, self.depth);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+    use packing::Heuristic;
+    use policy::{Engine, PolicyKind};
+
+    use super::*;
+
+    fn scorer() -> Scorer {
+        Scorer::new(Policy::new(PolicyKind::Walle, Engine::BurnFlex, None).unwrap(), 1)
+    }
+
+    fn question() -> (Box<Belief>, Box<CandidateSet>, Vec<Candidate>) {
+        let grid = Grid::new(ContainerSize::new(9, 9, 9, 10).unwrap(), 2).unwrap();
+        let mut belief: Box<Belief> = Box::new(Zeroable::zeroed());
+        belief.write(&grid);
+        let mut set: Box<CandidateSet> = Box::new(Zeroable::zeroed());
+        set.current = WireBox { id: 5, size_mm: [30, 40, 50], reserved: 0 };
+        let mut candidates = Vec::new();
+        corner_candidates(&grid, Extent { length: 3, breadth: 4, height: 5 }, &WalleWeights::PAPER, &mut candidates);
+        set.write_candidates(&candidates);
+        (belief, set, candidates)
+    }
+
+    #[test]
+    fn a_set_is_answered_with_the_policys_choice() {
+        let (belief, set, candidates) = question();
+        let verdict = scorer().decide(&set, &belief).unwrap();
+        let best = Heuristic::walle_choice(&candidates).unwrap();
+        assert_eq!((verdict.box_id, verdict.instance, verdict.best), (5, 1, best as u32));
+        assert_eq!(verdict.set_digest, set.digest);
+    }
+
+    #[test]
+    fn an_old_set_an_empty_set_and_rubbish_have_no_answer() {
+        let mut scorer = scorer();
+        let (belief, mut set, _) = question();
+        set.revision = 1;
+        assert_eq!(scorer.decide(&set, &belief), None);
+        let (_, mut set, mut candidates) = question();
+        set.write_candidates(&[]);
+        assert_eq!(scorer.decide(&set, &belief), None);
+        assert_eq!((scorer.tally().counters.stale, scorer.tally().counters.refused), (1, 0));
+        candidates[0].placement.slot = 2;
+        set.write_candidates(&candidates);
+        assert_eq!(scorer.decide(&set, &belief), None);
+        set.count = 9999;
+        assert_eq!(scorer.decide(&set, &belief), None);
+        assert_eq!(scorer.tally().counters.refused, 2);
+    }
+
+    #[test]
+    fn instances_have_letters() {
+        assert_eq!(parse_instance("a").unwrap(), 0);
+        assert_eq!(parse_instance("h").unwrap(), 7);
+        for wrong in ["i", "A", "", "ab", "1"] {
+            let message = parse_instance(wrong).unwrap_err().to_string();
+            assert!(message.ends_with("use a letter from a to h"), "{message}");
+        }
+    }
+}

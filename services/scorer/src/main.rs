@@ -1,2 +1,67 @@
-//! Stub.
-fn main() {}
+//! `scorer`: answers every candidate set with the candidate that its policy values most.
+//!
+//! Reads `packcell/candidates` and `packcell/belief`, writes `packcell/decisions`. Several instances may run; the
+//! commander obeys one.
+
+use anyhow::Context as _;
+use clap::Parser;
+use messages::topics::{BELIEF, CANDIDATES, DECISIONS, Role};
+use policy::{Engine, Model, Policy, PolicyKind};
+use runtime::{Bus, Reporter, ScorerConfig, ServiceArgs, monotonic_ns};
+use scorer::{Scorer, parse_instance};
+use tracing::info;
+
+/// Scores the candidates of every box with a trained network.
+#[derive(Parser)]
+#[command(version)]
+struct Args {
+    #[command(flatten)]
+    service: ServiceArgs,
+    /// The letter of this instance: a to h
+    #[arg(long, default_value = "a")]
+    instance: String,
+}
+
+fn main() -> anyhow::Result<()> {
+    let args = Args::parse();
+    let config = args.service.load()?;
+    let (policy, detail) = load_policy(&config.scorer)?;
+    let mut scorer = Scorer::new(policy, parse_instance(&args.instance)?);
+    scorer.warm_up(config.container_size()?, config.container.slots);
+
+    let bus = Bus::join(&config.bus, Role::Scorer)?;
+    let bell = bus.bell()?;
+    let mut beliefs = bus.latest(&BELIEF)?;
+    let mut sets = bus.latest(&CANDIDATES)?;
+    let mut decisions = bus.publisher(&DECISIONS)?;
+    let mut reporter = Reporter::new(&bus, &format!("{}: {detail}", args.instance))?;
+    info!(instance = args.instance, policy = detail, "ready");
+
+    while bell.wait(None)? {
+        let received_ns = monotonic_ns();
+        if sets.refresh()? {
+            beliefs.refresh()?;
+            if let (Some(set), Some(belief)) = (sets.get(), beliefs.get())
+                && let Some(verdict) = scorer.decide(set, belief)
+            {
+                decisions.publish(verdict.observed_ns(), |decision| verdict.write(decision, received_ns))?;
+            }
+        }
+        reporter.report_if_due(scorer.tally())?;
+    }
+    info!("stopped");
+    Ok(())
+}
+
+/// The configured policy, and what it is in a few words.
+fn load_policy(config: &ScorerConfig) -> anyhow::Result<(Policy, String)> {
+    let kind: PolicyKind = config.policy.parse().context("scorer.policy")?;
+    let engine: Engine = config.engine.parse().context("scorer.engine")?;
+    if kind == PolicyKind::Walle {
+        return Ok((Policy::new(kind, engine, None)?, kind.to_string()));
+    }
+    let model = if config.model.as_os_str().is_empty() { Model::built_in() } else { Model::load(&config.model) };
+    let policy = Policy::new(kind, engine, Some(&model.context("scorer.model")?))?;
+    let detail = format!("{kind} {:016x} on {engine}", policy.fingerprint());
+    Ok((policy, detail))
+}

@@ -15,7 +15,8 @@ pub struct Candidate {
 /// yaw, `i` and `j`; if there are none, those of a fresh container.
 ///
 /// A feasible placement is a candidate when at one of its four footprint corners both outward neighbours are a
-/// wall or differ in height from the base. Paper: "Conceptual approach", figure 5. `candidates` is cleared first.
+/// wall or differ in height from the base; under partial support the corner itself must carry. Paper: "Conceptual
+/// approach", figure 5. `candidates` is cleared first.
 pub fn corner_candidates(grid: &Grid, extent: Extent, weights: &WalleWeights, candidates: &mut Vec<Candidate>) {
     candidates.clear();
     for slot in grid.open_slots() {
@@ -74,7 +75,9 @@ fn push_places(surface: &Surface, turned: Extent, mut push: impl FnMut(u16, u16,
         let high_j = corner.towards_high_j.then(|| (corner.j + 1).checked_sub(turned.breadth)).flatten();
         for i in [low_i, high_i].into_iter().flatten().filter(|&i| i <= i_last) {
             for j in [low_j, high_j].into_iter().flatten().filter(|&j| j <= j_last) {
-                if let Some(base) = surface.rest_inside(turned, usize::from(i), usize::from(j)) {
+                if let Some(base) = surface.rest_inside(turned, usize::from(i), usize::from(j))
+                    && surface.row(usize::from(corner.i))[usize::from(corner.j)] == base
+                {
                     push(i, j, base);
                 }
             }
@@ -86,26 +89,27 @@ fn push_places(surface: &Surface, turned: Extent, mut push: impl FnMut(u16, u16,
 #[cfg(test)]
 fn is_corner_place(surface: &Surface, turned: Extent, i: u16, j: u16, base: u16) -> bool {
     let size = surface.size();
+    let carries = |i: i32, j: i32| surface.row(i as usize)[j as usize] == base;
     let differs = |i: i32, j: i32| {
         let inside = (0..i32::from(size.length())).contains(&i) && (0..i32::from(size.breadth())).contains(&j);
-        !inside || surface.row(i as usize)[j as usize] != base
+        !inside || !carries(i, j)
     };
     let (top, bottom) = (i32::from(i), i32::from(i + turned.length) - 1);
     let (left, right) = (i32::from(j), i32::from(j + turned.breadth) - 1);
     [(top, -1, left, -1), (top, -1, right, 1), (bottom, 1, left, -1), (bottom, 1, right, 1)]
         .into_iter()
-        .any(|(i, outward_i, j, outward_j)| differs(i + outward_i, j) && differs(i, j + outward_j))
+        .any(|(i, outward_i, j, outward_j)| carries(i, j) && differs(i + outward_i, j) && differs(i, j + outward_j))
 }
 
-/// The better of two placements by score; the earlier one if they are equal.
-pub(crate) fn best_by_score(places: impl Iterator<Item = (f32, Placement)>) -> Option<Placement> {
+/// The best place by score, with its score; the earliest of equals.
+pub(crate) fn best_by_score(places: impl Iterator<Item = (f32, Placement)>) -> Option<(f32, Placement)> {
     let mut best: Option<(f32, Placement)> = None;
     for (score, placement) in places {
         if best.is_none_or(|(highest, _)| score > highest) {
             best = Some((score, placement));
         }
     }
-    best.map(|(_, placement)| placement)
+    best
 }
 
 /// Every feasible placement in one container, ordered by yaw, `i` and `j`.
@@ -121,7 +125,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::{BoxSpec, ContainerSize};
+    use crate::{BoxSpec, ContainerSize, Support};
 
     fn candidates(grid: &Grid, extent: Extent) -> Vec<Candidate> {
         let mut candidates = Vec::new();
@@ -166,11 +170,12 @@ mod tests {
 
     prop_compose! {
         /// A grid of three small containers with random boxes in the first two.
-        fn arb_grid()(l in 1u16..8, b in 1u16..8, h in 1u16..8)(
+        fn arb_grid()(l in 1u16..8, b in 1u16..8, h in 1u16..8, partial in any::<bool>())(
             drops in prop::collection::vec((0u16..2, 1u32..6, 1u32..6, 1u32..4, 0..l, 0..b), 0..24),
             size in Just(ContainerSize::new(l, b, h, 10).unwrap()),
+            support in Just(if partial { Support::Partial } else { Support::Full }),
         ) -> Grid {
-            let mut grid = Grid::new(size, 3).unwrap();
+            let mut grid = Grid::with_support(size, 3, support).unwrap();
             for (slot, l, b, h, i, j) in drops {
                 let spec = BoxSpec::new(1, [l * 10, b * 10, h * 10]).unwrap();
                 let surface = grid.slots()[usize::from(slot)].surface();

@@ -14,6 +14,7 @@ pub struct Environment {
     set_aside: Vec<BoxSpec>,
     /// Volume in every container that ever stood in the cell, by its identity [cells].
     packed_cells: Vec<u64>,
+    containers_max: u32,
 }
 
 /// A box that stands in a container.
@@ -70,8 +71,20 @@ impl Environment {
     /// # Errors
     /// [`SizeError`] beyond the limits of a grid.
     pub fn new(size: ContainerSize, slots: usize, close: ClosePolicy) -> Result<Self, SizeError> {
-        let grid = Grid::new(size, slots)?;
-        Ok(Self { grid, close, placed: Vec::new(), set_aside: Vec::new(), packed_cells: vec![0; slots] })
+        Ok(Self::on(Grid::new(size, slots)?, close))
+    }
+
+    /// A cell with the containers of `grid`, none of which has been opened.
+    #[must_use]
+    pub fn on(grid: Grid, close: ClosePolicy) -> Self {
+        let packed_cells = vec![0; grid.slots().len()];
+        Self { grid, close, placed: Vec::new(), set_aside: Vec::new(), packed_cells, containers_max: u32::MAX }
+    }
+
+    /// Brings no more than `containers_max` containers into the cell, those it begins with included.
+    #[must_use]
+    pub fn with_containers_max(self, containers_max: u32) -> Self {
+        Self { containers_max, ..self }
     }
 
     /// The containers as they stand.
@@ -100,6 +113,7 @@ impl Environment {
         let extent = spec.extent(self.grid.size().cell_mm());
         let mut choice = choose(&self.grid, extent);
         if choice.is_none()
+            && (self.packed_cells.len() as u64) < u64::from(self.containers_max)
             && self.grid.size().admits(extent)
             && let Some(slot) = self.close.select(&self.grid)
         {
@@ -166,7 +180,8 @@ impl ClosePolicy {
             Self::Never => None,
             Self::Oldest => grid.open_slots().next(),
             Self::Fullest => {
-                // Nothing stands under anything, so the heights of a container add up to its packed volume.
+                // Nothing stands under anything, so the heights of a container add up to its packed volume (and to what
+                // is lost under overhangs, where the rules allow any).
                 let packed = |slot: u16| {
                     grid.slots()[usize::from(slot)].surface().heights().iter().map(|&h| u64::from(h)).sum::<u64>()
                 };
@@ -245,6 +260,14 @@ mod tests {
             assert_eq!(step, expected, "{close}");
             assert_eq!(environment.outcome(None).containers_used, used, "{close}");
         }
+    }
+
+    #[test]
+    fn no_more_containers_than_allowed() {
+        let grid = Grid::new(size(), 1).unwrap();
+        let mut environment = Environment::on(grid, ClosePolicy::Oldest).with_containers_max(2);
+        let steps = [0, 1, 2].map(|id| pack(&mut environment, &spec(id, [40, 40, 40])));
+        assert!(matches!(steps, [Step::Placed(_), Step::Placed(_), Step::SetAside]), "{steps:?}");
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub struct Recipe {
     pub lattice_mm: u32,
     /// Shortest side of a box [mm], a multiple of the lattice.
     pub side_min_mm: u32,
-    /// Full containers an episode is cut from: its optimum.
+    /// Full containers an episode is cut from: its optimum, unless the boxes are [`CutRule::Uncut`].
     pub optimum: u32,
     /// Boxes cut from one container.
     pub boxes_per_container: RangeInclusive<u32>,
@@ -43,6 +43,12 @@ pub enum CutRule {
     /// Recursive halves: an axis proportional to its length, a cut in its middle half, the number of boxes
     /// shared out by volume.
     Balanced,
+    /// Nowhere: every side of every box is uniform over the lattice, from the shortest to this [mm]. The optimum of
+    /// such an episode is unknown. The single-container literature works with these.
+    Uncut {
+        /// Longest side [mm], a multiple of the lattice.
+        side_max_mm: u32,
+    },
 }
 
 /// The order in which the boxes of an episode arrive.
@@ -131,6 +137,9 @@ impl Recipe {
             match self.cut_rule {
                 CutRule::VolumeProportional => cut_by_volume(whole, count, side_min, &mut draw, &mut pieces),
                 CutRule::Balanced => cut_in_halves(whole, count, side_min, &mut draw, &mut pieces),
+                CutRule::Uncut { side_max_mm } => {
+                    draw_sides(count, side_min..=side_max_mm / self.lattice_mm, &mut draw, &mut pieces)
+                }
             }
             .ok_or_else(count_error)?;
         }
@@ -145,7 +154,16 @@ impl Recipe {
         }
         let to_box = |(id, piece): (u64, Piece)| BoxSpec::new(id, piece.map(|steps| steps * self.lattice_mm));
         let boxes = (0..).zip(pieces).map(to_box).collect::<Result<_, _>>()?;
-        Ok(Episode { container: self.container, optimum: Some(self.optimum), boxes })
+        Ok(Episode { container: self.container, optimum: self.known_optimum(), boxes })
+    }
+
+    /// The optimum of every episode, where the recipe fixes it.
+    #[must_use]
+    pub fn known_optimum(&self) -> Option<u32> {
+        match self.cut_rule {
+            CutRule::VolumeProportional | CutRule::Balanced => Some(self.optimum),
+            CutRule::Uncut { .. } => None,
+        }
     }
 
     fn container_steps(&self) -> Result<Piece, RecipeError> {
@@ -217,6 +235,12 @@ fn cut_by_volume(whole: Piece, count: u32, side_min: u32, draw: &mut Draw, piece
     Some(())
 }
 
+fn draw_sides(count: u32, sides: RangeInclusive<u32>, draw: &mut Draw, pieces: &mut Vec<Piece>) -> Option<()> {
+    let choices = u64::from(sides.end().checked_sub(*sides.start())?) + 1;
+    pieces.extend((0..count).map(|_| [(); 3].map(|()| sides.start() + draw.below(choices) as u32)));
+    Some(())
+}
+
 fn cut_in_halves(whole: Piece, count: u32, side_min: u32, draw: &mut Draw, pieces: &mut Vec<Piece>) -> Option<()> {
     let capacity = |piece: Piece| piece.iter().map(|&side| u64::from(side / side_min)).product::<u64>();
     if count == 1 {
@@ -280,6 +304,19 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn uncut_boxes_have_sides_in_range() {
+        let container = ContainerSize::new(10, 10, 10, 10).unwrap();
+        let cut_rule = CutRule::Uncut { side_max_mm: 50 };
+        let recipe = Recipe { container, lattice_mm: 10, side_min_mm: 10, optimum: 1, cut_rule, ..Recipe::standard() };
+        let episode = recipe.episode(Split::Test, 1, 0).unwrap();
+        assert_eq!(episode.optimum, None);
+        let sides: Vec<_> = episode.boxes.iter().flat_map(BoxSpec::size_mm).collect();
+        assert!((10..=50).step_by(10).all(|side| sides.contains(&side)) && sides.iter().all(|side| *side <= 50));
+        let recipe = Recipe { cut_rule: CutRule::Uncut { side_max_mm: 0 }, ..recipe };
+        assert!(matches!(recipe.episode(Split::Test, 1, 0), Err(RecipeError::Count { .. })));
     }
 
     #[test]

@@ -144,6 +144,9 @@ impl ContainerSize {
     /// The paper's container: 45 x 80 cells of 1 cm. It gives no height; 50 cm is this project's choice.
     pub const PAPER: Self = Self { length: 45, breadth: 80, height: 50, cell_mm: 10 };
 
+    /// The container of the single-container literature: 10 x 10 x 10 cells.
+    pub const TEN: Self = Self { length: 10, breadth: 10, height: 10, cell_mm: 10 };
+
     /// A container of `length` x `breadth` x `height` cells of `cell_mm`.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! All containers that stand in the cell.
 
-use crate::{BoxSpec, ContainerSize, Extent, Infeasible, Placement, SizeError, Surface};
+use crate::{BoxSpec, ContainerSize, Extent, Infeasible, Placement, SizeError, Support, Surface};
 
 /// The heights of all containers, slot by slot, and how often any of them changed.
 #[derive(Clone, Debug)]
@@ -76,13 +76,21 @@ impl Slot {
 }
 
 impl Grid {
-    /// A grid of `slots` empty containers, numbered from 0, at revision 0.
+    /// A grid of `slots` empty containers, numbered from 0, at revision 0, for boxes that need full support.
     ///
     /// # Errors
     /// [`SizeError`] beyond the limits of a grid.
     pub fn new(size: ContainerSize, slots: usize) -> Result<Self, SizeError> {
+        Self::with_support(size, slots, Support::Full)
+    }
+
+    /// As [`Grid::new`], for boxes that need this support.
+    ///
+    /// # Errors
+    /// [`SizeError`] beyond the limits of a grid.
+    pub fn with_support(size: ContainerSize, slots: usize, support: Support) -> Result<Self, SizeError> {
         size.check_slots(slots)?;
-        let surface = Surface::empty(size);
+        let surface = Surface::with_support(size, support);
         let slot = |container| Slot { container, revision: 0, boxes: 0, surface: surface.clone() };
         Ok(Self { size, revision: 0, slots: (0..slots as u32).map(slot).collect() })
     }
@@ -164,30 +172,19 @@ impl Grid {
         let slots = self.slots.len();
         let target = self.slots.get_mut(usize::from(slot)).ok_or(PlaceError::NoSuchSlot { slot, slots })?;
         self.revision += 1;
-        *target = Slot { container, revision: self.revision, boxes: 0, surface: Surface::empty(self.size) };
+        let surface = Surface::with_support(self.size, target.surface.support());
+        *target = Slot { container, revision: self.revision, boxes: 0, surface };
         Ok(())
     }
 
-    /// Takes over one slot as measured or received, if it changed: `revision` is the slot's own.
-    ///
-    /// # Errors
-    /// [`PlaceError::NoSuchSlot`].
+    /// Takes over one slot as measured or received; `revision` is the slot's own.
     ///
     /// # Panics
-    /// If there are not as many heights as a container has cells.
-    pub fn update_slot(
-        &mut self,
-        slot: u16,
-        container: u32,
-        boxes: u32,
-        revision: u64,
-        heights: &[u16],
-    ) -> Result<(), PlaceError> {
-        let slots = self.slots.len();
-        let target = self.slots.get_mut(usize::from(slot)).ok_or(PlaceError::NoSuchSlot { slot, slots })?;
+    /// If there is no such slot, or there are not as many heights as a container has cells.
+    pub fn update_slot(&mut self, slot: u16, container: u32, boxes: u32, revision: u64, heights: &[u16]) {
+        let target = &mut self.slots[usize::from(slot)];
         (target.container, target.boxes, target.revision) = (container, boxes, revision);
         target.surface.set_heights(heights);
-        Ok(())
     }
 
     /// States the revision of the whole grid after its slots were updated.

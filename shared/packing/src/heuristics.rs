@@ -8,8 +8,7 @@ use crate::{Candidate, Extent, Grid, Placement, WalleWeights, Yaw};
 
 /// A rule that places one box on a grid.
 ///
-/// Every rule looks at the open containers in the order they were opened and takes its best place in the first
-/// container that has any; a fresh container only when none has. Ties go to the first place in scan order.
+/// A fresh container is opened only when no open one has a place. Ties go to the first place in scan order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Heuristic {
     /// The first feasible place, row by row: yaw 0 in every open container, then yaw 90.
@@ -24,6 +23,16 @@ pub enum Heuristic {
     WalleCorners(WalleWeights),
 }
 
+/// How a rule goes through the open containers. It decides more than the rule does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ContainerOrder {
+    /// In the order they were opened: the best place in the first container that has any. With this reading the
+    /// paper's figures come out.
+    FirstThatFits,
+    /// All at once: the best place of all.
+    AllOpen,
+}
+
 /// A name that no heuristic has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("there is no heuristic {0:?}: use one of {names}", names = Heuristic::NAMES.join(", "))]
@@ -33,14 +42,25 @@ impl Heuristic {
     /// The names of all heuristics, as [`FromStr`] reads them.
     pub const NAMES: [&str; 5] = ["first-fit", "floor", "column", "walle", "walle-corners"];
 
-    /// Where the box of `extent` (yaw 0) should go; nothing if it fits nowhere.
+    /// Where the box of `extent` (yaw 0) should go, by the published reading: in the first container that has a
+    /// place. Nothing if it fits nowhere.
     #[must_use]
     pub fn choose(&self, grid: &Grid, extent: Extent) -> Option<Placement> {
+        self.choose_in(ContainerOrder::FirstThatFits, grid, extent)
+    }
+
+    /// Where the box of `extent` (yaw 0) should go, with the open containers in this order.
+    #[must_use]
+    pub fn choose_in(&self, order: ContainerOrder, grid: &Grid, extent: Extent) -> Option<Placement> {
         match self {
-            Self::FirstFit => yaw_by_yaw(grid, extent, |places| places.next()),
-            Self::Floor => yaw_by_yaw(grid, extent, |places| best_by_score(places.map(|p| (-f32::from(p.base), p)))),
-            Self::Column => yaw_by_yaw(grid, extent, |places| best_by_score(places.map(|p| (f32::from(p.base), p)))),
-            Self::Walle(weights) => container_by_container(grid, |slot| {
+            Self::FirstFit => yaw_by_yaw(order, grid, extent, |places| places.next().map(|place| (0.0, place))),
+            Self::Floor => {
+                yaw_by_yaw(order, grid, extent, |places| best_by_score(places.map(|p| (-f32::from(p.base), p))))
+            }
+            Self::Column => {
+                yaw_by_yaw(order, grid, extent, |places| best_by_score(places.map(|p| (f32::from(p.base), p))))
+            }
+            Self::Walle(weights) => container_by_container(order, grid, |slot| {
                 let surface = grid.slots()[usize::from(slot)].surface();
                 best_by_score(feasible_places(grid, slot, extent, extent.yaws()).map(|place| {
                     (weights.score(surface, extent.turned(place.yaw), place.i, place.j, place.base), place)
@@ -48,7 +68,8 @@ impl Heuristic {
             }),
             Self::WalleCorners(weights) => {
                 let mut candidates = Vec::new();
-                container_by_container(grid, |slot| {
+                container_by_container(order, grid, |slot| {
+                    candidates.clear();
                     push_corners(grid, slot, extent, weights, &mut candidates);
                     best_by_score(candidates.iter().map(|candidate| (candidate.walle, candidate.placement)))
                 })
@@ -61,28 +82,69 @@ impl Heuristic {
     pub fn walle_choice(candidates: &[Candidate]) -> Option<usize> {
         let slot = candidates.first()?.placement.slot;
         let in_slot = candidates.iter().take_while(|candidate| candidate.placement.slot == slot);
-        let best = best_by_score(in_slot.map(|candidate| (candidate.walle, candidate.placement)))?;
+        let (_, best) = best_by_score(in_slot.map(|candidate| (candidate.walle, candidate.placement)))?;
         candidates.iter().position(|candidate| candidate.placement == best)
     }
 }
 
-/// The first container's choice that is one.
-fn container_by_container(grid: &Grid, choice: impl FnMut(u16) -> Option<Placement>) -> Option<Placement> {
-    grid.open_slots().chain(grid.fresh_slot()).find_map(choice)
+/// The choice among the open containers, given each one's best place and its score.
+fn in_open(
+    order: ContainerOrder,
+    grid: &Grid,
+    best: impl FnMut(u16) -> Option<(f32, Placement)>,
+) -> Option<(f32, Placement)> {
+    let mut found = grid.open_slots().filter_map(best);
+    match order {
+        ContainerOrder::FirstThatFits => found.next(),
+        ContainerOrder::AllOpen => best_by_score(found),
+    }
 }
 
-/// Yaw 0 in every open container, then yaw 90, then a fresh container. Paper: "First Fit".
+/// Both yaws in the open containers, then a fresh one.
+fn container_by_container(
+    order: ContainerOrder,
+    grid: &Grid,
+    mut best: impl FnMut(u16) -> Option<(f32, Placement)>,
+) -> Option<Placement> {
+    let found = in_open(order, grid, &mut best).or_else(|| best(grid.fresh_slot()?));
+    found.map(|(_, placement)| placement)
+}
+
+/// Yaw 0 in the open containers, then yaw 90, then a fresh container. Paper: "First Fit".
 fn yaw_by_yaw(
+    order: ContainerOrder,
     grid: &Grid,
     extent: Extent,
-    best: impl Fn(&mut dyn Iterator<Item = Placement>) -> Option<Placement>,
+    best: impl Fn(&mut dyn Iterator<Item = Placement>) -> Option<(f32, Placement)>,
 ) -> Option<Placement> {
     let in_slot = |slot: u16, yaw: Yaw| best(&mut feasible_places(grid, slot, extent, &[yaw]));
-    let in_open = extent.yaws().iter().find_map(|&yaw| grid.open_slots().find_map(|slot| in_slot(slot, yaw)));
-    in_open.or_else(|| {
+    let in_open = extent.yaws().iter().find_map(|&yaw| in_open(order, grid, |slot| in_slot(slot, yaw)));
+    let found = in_open.or_else(|| {
         let fresh = grid.fresh_slot()?;
         extent.yaws().iter().find_map(|&yaw| in_slot(fresh, yaw))
-    })
+    });
+    found.map(|(_, placement)| placement)
+}
+
+impl fmt::Display for ContainerOrder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::FirstThatFits => "first-that-fits",
+            Self::AllOpen => "all-open",
+        })
+    }
+}
+
+impl FromStr for ContainerOrder {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        match name {
+            "first-that-fits" => Ok(Self::FirstThatFits),
+            "all-open" => Ok(Self::AllOpen),
+            _ => Err(format!("there is no container order {name:?}: use first-that-fits or all-open")),
+        }
+    }
 }
 
 impl fmt::Display for Heuristic {
@@ -156,6 +218,24 @@ mod tests {
         assert_eq!((place.i, place.j, place.base), (0, 0, 2));
         let place = Heuristic::Column.choose(&step(), extent(1, 1, 3)).unwrap();
         assert_eq!((place.i, place.j, place.base), (0, 2, 0), "three high does not fit on two of four");
+    }
+
+    /// Two open containers: the floor of the second is free, and so is the top of the first's tower of three.
+    #[test]
+    fn the_container_order_decides() {
+        let mut grid = Grid::new(ContainerSize::new(2, 4, 5, 10).unwrap(), 3).unwrap();
+        let spec = |id, size_mm| BoxSpec::new(id, size_mm).unwrap();
+        let at = |slot, j| Placement { slot, yaw: Yaw::Deg0, i: 0, j, base: 0 };
+        grid.place(&spec(0, [20, 40, 20]), at(0, 0)).unwrap();
+        grid.place(&spec(1, [20, 10, 30]), at(1, 0)).unwrap();
+        let place = |heuristic: Heuristic, order| {
+            let place = heuristic.choose_in(order, &grid, extent(2, 1, 1)).unwrap();
+            (place.slot, place.base)
+        };
+        let (first, all) = (ContainerOrder::FirstThatFits, ContainerOrder::AllOpen);
+        assert_eq!((place(Heuristic::Floor, first), place(Heuristic::Floor, all)), ((0, 2), (1, 0)));
+        assert_eq!((place(Heuristic::Column, first), place(Heuristic::Column, all)), ((0, 2), (1, 3)));
+        assert_eq!(place(Heuristic::FirstFit, first), place(Heuristic::FirstFit, all));
     }
 
     #[test]

@@ -26,7 +26,9 @@ mod environment;
 mod episode;
 mod geometry;
 mod grid;
+mod harmonic;
 mod heuristics;
+mod support;
 mod surface;
 mod walle;
 
@@ -39,6 +41,8 @@ pub use geometry::{
     SizeError, Yaw,
 };
 pub use grid::{Grid, PlaceError, Slot};
-pub use heuristics::{Heuristic, HeuristicError};
+pub use harmonic::{HarmonicColumns, random_place};
+pub use heuristics::{ContainerOrder, Heuristic, HeuristicError};
+pub use support::Support;
 pub use surface::{Corner, Infeasible, Surface};
-pub use walle::WalleWeights;
+pub use walle::{WalleWeights, WeightsError};

@@ -1,6 +1,8 @@
 //! The heights of one container, made ready for questions.
 
-use crate::{ContainerSize, Extent};
+use std::ops::Range;
+
+use crate::{ContainerSize, Extent, Support};
 
 /// One container seen from above: the height of every cell, row by row along `i`.
 ///
@@ -9,6 +11,7 @@ use crate::{ContainerSize, Extent};
 #[derive(Clone, Debug)]
 pub struct Surface {
     size: ContainerSize,
+    support: Support,
     heights: Vec<u16>,
     /// Cells from here on along `i` that have this cell's height, at least 1.
     run_i: Vec<u16>,
@@ -47,18 +50,27 @@ pub enum Infeasible {
     /// The cells under the base have different heights.
     #[error("the cells under the base have different heights")]
     NotLevel,
+    /// Too little of the base would rest on something.
+    #[error("too little of the base would rest on something")]
+    Unsupported,
     /// The top would exceed the height limit.
     #[error("the top would exceed the height limit")]
     TooHigh,
 }
 
 impl Surface {
-    /// An empty container.
+    /// An empty container whose boxes need full support.
     #[must_use]
     pub fn empty(size: ContainerSize) -> Self {
-        let cells = size.footprint_cells();
-        let mut surface =
-            Self { size, heights: vec![0; cells], run_i: vec![0; cells], run_j: vec![0; cells], corners: Vec::new() };
+        Self::with_support(size, Support::Full)
+    }
+
+    /// An empty container whose boxes need this support.
+    #[must_use]
+    pub fn with_support(size: ContainerSize, support: Support) -> Self {
+        let nothing = vec![0; size.footprint_cells()];
+        let (run_i, run_j) = (nothing.clone(), nothing.clone());
+        let mut surface = Self { size, support, heights: nothing, run_i, run_j, corners: Vec::new() };
         surface.refresh_all();
         surface
     }
@@ -76,6 +88,12 @@ impl Surface {
     #[must_use]
     pub fn size(&self) -> ContainerSize {
         self.size
+    }
+
+    /// What a box needs under its base.
+    #[must_use]
+    pub fn support(&self) -> Support {
+        self.support
     }
 
     /// All heights [cells], row by row along `i`.
@@ -99,8 +117,8 @@ impl Surface {
 
     /// The base height [cells] at which a box of `extent` (already turned) would rest at `(i, j)`.
     ///
-    /// This is the definition of feasible, cell by cell: inside the footprint, every cell under the base at one
-    /// height (flat base, level corners), top not above `H`. Paper: "Robot-implementability".
+    /// This is the definition of feasible, cell by cell: inside the footprint, the base supported as [`Support`]
+    /// says, top not above `H`. Paper: "Robot-implementability".
     ///
     /// # Errors
     /// [`Infeasible`] names the first rule it breaks.
@@ -111,11 +129,20 @@ impl Surface {
         if i_end > self.size.length() || j_end > self.size.breadth() {
             return Err(Infeasible::OutsideFootprint);
         }
-        let base = self.row(usize::from(i))[usize::from(j)];
-        let level = (i..i_end)
-            .all(|row| self.row(usize::from(row))[usize::from(j)..usize::from(j_end)].iter().all(|&h| h == base));
-        if !level {
-            return Err(Infeasible::NotLevel);
+        let cell = |i: u16, j: u16| self.row(usize::from(i))[usize::from(j)];
+        let cells = || (i..i_end).flat_map(|row| &self.row(usize::from(row))[usize::from(j)..usize::from(j_end)]);
+        let base = cells().copied().max().unwrap_or(0);
+        let level = cells().filter(|&&height| height == base).count();
+        match self.support {
+            Support::Full if level < cells().count() => return Err(Infeasible::NotLevel),
+            Support::Partial => {
+                let corners = [cell(i, j), cell(i, j_end - 1), cell(i_end - 1, j), cell(i_end - 1, j_end - 1)];
+                let level_corners = corners.into_iter().filter(|&height| height == base).count();
+                if !Support::suffices(level as u64, cells().count() as u64, level_corners) {
+                    return Err(Infeasible::Unsupported);
+                }
+            }
+            Support::Full => {}
         }
         if u32::from(base) + u32::from(extent.height) > u32::from(self.size.height()) {
             return Err(Infeasible::TooHigh);
@@ -125,12 +152,56 @@ impl Surface {
 
     /// As [`Surface::rest`], fast, for a footprint known to lie inside the container.
     pub(crate) fn rest_inside(&self, extent: Extent, i: usize, j: usize) -> Option<u16> {
+        match self.support {
+            Support::Full => self.rest_level(extent, i, j),
+            Support::Partial => self.rest_partial(extent, i, j),
+        }
+    }
+
+    fn rest_level(&self, extent: Extent, i: usize, j: usize) -> Option<u16> {
         let start = i * usize::from(self.size.breadth()) + j;
         let base = self.heights[start];
         let fits = u32::from(base) + u32::from(extent.height) <= u32::from(self.size.height())
             && self.run_j[start] >= extent.breadth
             && self.run_i[start..start + usize::from(extent.breadth)].iter().all(|&run| run >= extent.length);
         fits.then_some(base)
+    }
+
+    /// Goes through the footprint run by run rather than cell by cell.
+    fn rest_partial(&self, extent: Extent, i: usize, j: usize) -> Option<u16> {
+        let breadth = usize::from(self.size.breadth());
+        let (i_end, j_end) = (i + usize::from(extent.length), j + usize::from(extent.breadth));
+        let (mut base, mut level) = (0, 0);
+        for row in i..i_end {
+            for (height, cells) in self.runs_along_j(row as u16, j as u16..j_end as u16) {
+                if height > base {
+                    (base, level) = (height, 0);
+                }
+                if height == base {
+                    level += u64::from(cells);
+                }
+            }
+        }
+        if u32::from(base) + u32::from(extent.height) > u32::from(self.size.height()) {
+            return None;
+        }
+        let rows = [i * breadth, (i_end - 1) * breadth];
+        let corners = rows.map(|row| [self.heights[row + j], self.heights[row + j_end - 1]]);
+        let level_corners = corners.as_flattened().iter().filter(|&&height| height == base).count();
+        let area = u64::from(extent.length) * u64::from(extent.breadth);
+        Support::suffices(level, area, level_corners).then_some(base)
+    }
+
+    /// The heights [cells] of row `i` from one end of `j` to the other, as runs of equal ones: `(height, cells)`.
+    pub(crate) fn runs_along_j(&self, i: u16, j: Range<u16>) -> impl Iterator<Item = (u16, u16)> + '_ {
+        let row = usize::from(i) * usize::from(self.size.breadth());
+        runs(&self.heights, &self.run_j, row + usize::from(j.start), j.end - j.start, 1)
+    }
+
+    /// The heights [cells] of column `j` from one end of `i` to the other, as runs of equal ones: `(height, cells)`.
+    pub(crate) fn runs_along_i(&self, i: Range<u16>, j: u16) -> impl Iterator<Item = (u16, u16)> + '_ {
+        let breadth = usize::from(self.size.breadth());
+        runs(&self.heights, &self.run_i, usize::from(i.start) * breadth + usize::from(j), i.end - i.start, breadth)
     }
 
     /// All feasible places of a box of `extent` (already turned), in scan order: `(i, j, base)`.
@@ -163,7 +234,7 @@ impl Surface {
         self.refresh_corners();
     }
 
-    fn refresh_runs_j(&mut self, rows: std::ops::Range<usize>) {
+    fn refresh_runs_j(&mut self, rows: Range<usize>) {
         let breadth = usize::from(self.size.breadth());
         for row in rows {
             let heights = &self.heights[row * breadth..(row + 1) * breadth];
@@ -177,7 +248,7 @@ impl Surface {
         }
     }
 
-    fn refresh_runs_i(&mut self, columns: std::ops::Range<usize>) {
+    fn refresh_runs_i(&mut self, columns: Range<usize>) {
         let (length, breadth) = (usize::from(self.size.length()), usize::from(self.size.breadth()));
         let last = (length - 1) * breadth;
         self.run_i[last + columns.start..last + columns.end].fill(1);
@@ -215,6 +286,23 @@ impl Surface {
     }
 }
 
+/// The runs of equal heights among the `cells` from `here` on, `step` apart, each at most as long as `run` says.
+fn runs<'a>(
+    heights: &'a [u16],
+    run: &'a [u16],
+    mut here: usize,
+    mut cells: u16,
+    step: usize,
+) -> impl Iterator<Item = (u16, u16)> + 'a {
+    std::iter::from_fn(move || {
+        let length = (cells > 0).then(|| run[here].min(cells))?;
+        let height = heights[here];
+        cells -= length;
+        here += usize::from(length) * step;
+        Some((height, length))
+    })
+}
+
 /// The feasible places of one box in one row, left to right.
 struct FeasibleInRow<'a> {
     surface: &'a Surface,
@@ -227,6 +315,25 @@ impl Iterator for FeasibleInRow<'_> {
     type Item = (u16, u16, u16);
 
     fn next(&mut self) -> Option<Self::Item> {
+        match self.surface.support {
+            Support::Full => self.next_level(),
+            Support::Partial => self.next_partial(),
+        }
+    }
+}
+
+impl FeasibleInRow<'_> {
+    fn next_partial(&mut self) -> Option<(u16, u16, u16)> {
+        while self.j + self.extent.breadth <= self.surface.size.breadth() {
+            self.j += 1;
+            if let Some(base) = self.surface.rest_partial(self.extent, self.i.into(), (self.j - 1).into()) {
+                return Some((self.i, self.j - 1, base));
+            }
+        }
+        None
+    }
+
+    fn next_level(&mut self) -> Option<(u16, u16, u16)> {
         let size = self.surface.size;
         let row = usize::from(self.i) * usize::from(size.breadth());
         while self.j + self.extent.breadth <= size.breadth() {
@@ -265,10 +372,11 @@ mod tests {
 
     /// A small container with boxes dropped wherever they are feasible.
     pub(crate) fn arb_surface() -> impl Strategy<Value = Surface> {
-        (1u16..9, 1u16..9, 1u16..9).prop_flat_map(|(l, b, h)| {
+        let support = prop_oneof![Just(Support::Full), Just(Support::Partial)];
+        (1u16..9, 1u16..9, 1u16..9, support).prop_flat_map(|(l, b, h, support)| {
             let drops = prop::collection::vec((1u16..=l, 1u16..=b, 1u16..=h, 0..l, 0..b), 0..12);
             drops.prop_map(move |drops| {
-                let mut surface = Surface::empty(ContainerSize::new(l, b, h, 10).unwrap());
+                let mut surface = Surface::with_support(ContainerSize::new(l, b, h, 10).unwrap(), support);
                 for (dl, db, dh, i, j) in drops {
                     let _infeasible_drops_are_skipped = surface.place(extent(dl, db, dh), i, j);
                 }
@@ -293,6 +401,18 @@ mod tests {
         assert_eq!(surface.rest(extent(2, 2, 1), 1, 1), Err(Infeasible::NotLevel));
         assert_eq!(surface.rest(extent(2, 2, 1), 3, 0), Err(Infeasible::OutsideFootprint));
         assert_eq!(surface.rest(extent(2, u16::MAX, 1), 3, 1), Err(Infeasible::OutsideFootprint));
+    }
+
+    /// A 2 x 2 box of height 3 in the corner, and a larger one that would stand on it.
+    #[test]
+    fn partial_support_by_hand() {
+        let mut surface = Surface::with_support(ContainerSize::new(9, 9, 9, 10).unwrap(), Support::Partial);
+        surface.place(extent(2, 2, 3), 0, 0).unwrap();
+        assert_eq!(surface.rest(extent(2, 3, 1), 0, 0), Err(Infeasible::Unsupported), "two corners, 4 of 6 cells");
+        surface.place(extent(2, 2, 3), 0, 3).unwrap();
+        assert_eq!(surface.rest(extent(2, 5, 1), 0, 0), Ok(3), "four corners, 8 of 10 cells");
+        assert_eq!(surface.place(extent(2, 5, 1), 0, 0), Ok(3));
+        assert_eq!(surface.row(0), [4, 4, 4, 4, 4, 0, 0, 0, 0]);
     }
 
     #[test]
@@ -323,7 +443,7 @@ mod tests {
 
         #[test]
         fn placing_keeps_what_a_full_refresh_would_give(surface in arb_surface()) {
-            let mut fresh = Surface::empty(surface.size());
+            let mut fresh = Surface::with_support(surface.size(), surface.support());
             fresh.set_heights(surface.heights());
             prop_assert_eq!(&fresh.run_i, &surface.run_i);
             prop_assert_eq!(&fresh.run_j, &surface.run_j);
@@ -338,7 +458,9 @@ mod tests {
                 Err(_) => prop_assert_eq!(after.heights(), surface.heights()),
                 Ok(_) => {
                     let sum = |s: &Surface| s.heights().iter().map(|&h| u64::from(h)).sum::<u64>();
-                    prop_assert_eq!(sum(&after) - sum(&surface), extent.volume_cells());
+                    let risen = sum(&after) - sum(&surface);
+                    prop_assert!(risen == extent.volume_cells() || surface.support() == Support::Partial);
+                    prop_assert!(risen >= extent.volume_cells(), "what lies under an overhang is lost too");
                 }
             }
         }

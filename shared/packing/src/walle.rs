@@ -17,7 +17,24 @@ pub struct WalleWeights {
     pub base: f32,
 }
 
+/// Weights that no stability score has.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("WallE's weights are {0:?}: they must be five numbers of 0 or more")]
+pub struct WeightsError(pub [f32; 5]);
+
 impl WalleWeights {
+    /// The weights `alpha_1` to `alpha_5`.
+    ///
+    /// # Errors
+    /// [`WeightsError`] if one is negative, endless or not a number. Paper: "user-defined non-negative parameters".
+    pub fn new(alpha: [f32; 5]) -> Result<Self, WeightsError> {
+        if !alpha.iter().all(|weight| weight.is_finite() && *weight >= 0.0) {
+            return Err(WeightsError(alpha));
+        }
+        let [variation, higher, flush, position, base] = alpha;
+        Ok(Self { variation, higher, flush, position, base })
+    }
+
     /// The values the paper settled on.
     pub const PAPER: Self = Self { variation: 0.75, higher: 1.0, flush: 1.0, position: 0.01, base: 1.0 };
 
@@ -53,38 +70,32 @@ struct Border {
 }
 
 impl Border {
+    /// Goes along the four sides run by run, since neighbouring cells mostly share their height.
     fn of(surface: &Surface, extent: Extent, i: u16, j: u16, top: u16) -> Self {
         let size = surface.size();
-        let (first_row, end_row) = (usize::from(i), usize::from(i + extent.length));
-        let (first_column, end_column) = (usize::from(j), usize::from(j + extent.breadth));
+        let (i_end, j_end) = (i + extent.length, j + extent.breadth);
         let mut border = Self::default();
-        if first_row > 0 {
-            border.add_run(&surface.row(first_row - 1)[first_column..end_column], top);
+        if i > 0 {
+            border.add(surface.runs_along_j(i - 1, j..j_end), top);
         }
-        if end_row < usize::from(size.length()) {
-            border.add_run(&surface.row(end_row)[first_column..end_column], top);
+        if i_end < size.length() {
+            border.add(surface.runs_along_j(i_end, j..j_end), top);
         }
-        for row in first_row..end_row {
-            let row = surface.row(row);
-            if first_column > 0 {
-                border.add(row[first_column - 1], top);
-            }
-            if end_column < row.len() {
-                border.add(row[end_column], top);
-            }
+        if j > 0 {
+            border.add(surface.runs_along_i(i..i_end, j - 1), top);
+        }
+        if j_end < size.breadth() {
+            border.add(surface.runs_along_i(i..i_end, j_end), top);
         }
         border
     }
 
-    fn add(&mut self, cell: u16, top: u16) {
-        self.variation += u32::from(cell.abs_diff(top));
-        self.higher += u32::from(cell > top);
-        self.flush += u32::from(cell == top);
-    }
-
-    fn add_run(&mut self, cells: &[u16], top: u16) {
-        for &cell in cells {
-            self.add(cell, top);
+    fn add(&mut self, runs: impl Iterator<Item = (u16, u16)>, top: u16) {
+        for (height, cells) in runs {
+            let cells = u32::from(cells);
+            self.variation += cells * u32::from(height.abs_diff(top));
+            self.higher += cells * u32::from(height > top);
+            self.flush += cells * u32::from(height == top);
         }
     }
 }
@@ -105,6 +116,13 @@ mod tests {
         assert_eq!(border, Border { variation: 8, higher: 2, flush: 1 });
         let score = WalleWeights::PAPER.score(&surface, extent, 1, 0, 0);
         assert!((score - (-0.75 * 8.0 + 2.0 + 1.0 - 0.01)).abs() < 1e-6, "{score}");
+    }
+
+    #[test]
+    fn weights_are_checked() {
+        assert_eq!(WalleWeights::new([0.75, 1.0, 1.0, 0.01, 1.0]), Ok(WalleWeights::PAPER));
+        assert!(WalleWeights::new([0.75, 1.0, -1.0, 0.01, 1.0]).is_err());
+        assert!(WalleWeights::new([f32::NAN; 5]).is_err());
     }
 
     #[test]

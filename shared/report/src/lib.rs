@@ -1,1 +1,16 @@
-//! Stub.
+//! Pictures and pages of packing results, pure: data in, strings out.
+//!
+//! A page is one file that shows in any browser without a network: tables, charts and packed containers as inline
+//! SVG, in light, dark and print. Text from outside is escaped wherever it enters.
+
+mod boxplot;
+mod escape;
+mod isometric;
+mod page;
+mod table;
+
+pub use boxplot::{Spread, box_plots};
+pub use escape::escape;
+pub use isometric::isometric;
+pub use page::Page;
+pub use table::Table;

@@ -1,1 +1,19 @@
-//! Stub.
+//! What every process of the cell does besides its own work: join the bus, sleep until a bell rings, read the one
+//! configuration file, log, and say how it is. The only crate that names iceoryx2's ports.
+//!
+//! What iceoryx2 0.10.0 does that one has to know is handled here, in [`Bus`], and nowhere else.
+
+mod bus;
+mod clock;
+mod config;
+mod health;
+mod process;
+
+pub use bus::{Bell, Bus, BusError, Latest, Publisher, Subscriber, shared_memory_bytes};
+pub use clock::monotonic_ns;
+pub use config::{
+    BusConfig, CandidatesConfig, CommanderConfig, Config, ConfigError, ContainerConfig, LogConfig, LogLevel,
+    PerceptionConfig, ScorerConfig,
+};
+pub use health::{Reporter, Tally};
+pub use process::{ServiceArgs, StopSignal, init_log};

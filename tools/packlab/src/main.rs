@@ -1,19 +1,33 @@
-//! `packlab`: research without a cell.
+//! `packlab`: research without a cell. It makes boxes, judges methods and learns models on what the services run.
+#![expect(clippy::print_stdout, reason = "tables are its work")]
 
+mod evaluate;
+mod generate;
+mod method;
+mod output;
+mod published;
+mod source;
 mod train;
+mod trial;
 
 use clap::Parser;
 
-/// Learns, judges and reports packing policies; needs no running cell.
+/// Makes boxes, judges packing methods on them and learns models; needs no running cell.
 #[derive(Parser)]
 #[command(version)]
 enum Command {
-    /// Learns a model and writes it to a file.
+    /// Write episodes of a named data set to a file.
+    Generate(generate::GenerateArgs),
+    /// Run methods on the same episodes and compare them.
+    Evaluate(evaluate::EvaluateArgs),
+    /// Learn a model and write it to a file.
     Train(train::TrainArgs),
 }
 
 fn main() -> anyhow::Result<()> {
     match Command::parse() {
+        Command::Generate(args) => generate::run(&args),
+        Command::Evaluate(args) => evaluate::run(&args),
         Command::Train(args) => train::run(&args),
     }
 }

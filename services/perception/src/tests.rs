@@ -1,0 +1,166 @@
+//! The physical side alone, in a time that the tests make.
+
+use std::fs;
+
+use bytemuck::Zeroable;
+use packing::{ContainerSize, Yaw};
+
+use super::*;
+
+const MS: u64 = 1_000_000;
+
+fn size() -> ContainerSize {
+    ContainerSize::new(4, 4, 4, 10).unwrap()
+}
+
+/// A cell of two small containers and a belt with these boxes.
+fn perception(boxes: &str, behaviour: Behaviour) -> Perception {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("stream.json");
+    let text = format!(r#"{{"meta": {{"name": "s", "unit": "cm", "container": [4, 4, 4]}}, "episodes": [{boxes}]}}"#);
+    fs::write(&path, text).unwrap();
+    let belt = Belt::open(path.to_str().unwrap(), 0, 1, size()).unwrap();
+    Perception::new(behaviour, Grid::new(size(), 2).unwrap(), belt, 0)
+}
+
+fn behaviour() -> Behaviour {
+    Behaviour { pace_ns: 0, motion_ns: 0, repeat_ns: 20 * MS, upcoming: 2 }
+}
+
+fn on_time(perception: &mut Perception, now_ns: u64) -> Vec<Say> {
+    let mut say = Vec::new();
+    perception.on_time(now_ns, &mut say);
+    say
+}
+
+fn command(perception: &mut Perception, action: Action, placement: Placement, now_ns: u64) -> Vec<Say> {
+    let queue = boxes(perception);
+    let (spec, revision) = (queue.current, queue.revision);
+    let action = action.to_wire();
+    let command = PlaceCommand { spec, revision, action, placement: placement.into(), ..PlaceCommand::zeroed() };
+    let mut say = Vec::new();
+    perception.on_command(&command, now_ns, &mut say);
+    say
+}
+
+fn boxes(perception: &Perception) -> BoxQueue {
+    let mut queue = BoxQueue::zeroed();
+    perception.write_boxes(&mut queue);
+    queue
+}
+
+fn at(slot: u16, j: u16) -> Placement {
+    Placement { slot, yaw: Yaw::Deg0, i: 0, j, base: 0 }
+}
+
+#[test]
+fn a_box_is_said_again_until_the_arm_has_it() {
+    let mut perception = perception("[[1, 2, 3], [2, 2, 2], [3, 3, 3], [1, 1, 1]]", behaviour());
+    assert_eq!(on_time(&mut perception, 5), [Say::Boxes(5)]);
+    let queue = boxes(&perception);
+    assert_eq!((queue.belt_state(), queue.current.id), (Ok(BeltState::BoxPresent), 1));
+    assert_eq!(queue.known_upcoming().unwrap().iter().map(|wire| wire.id).collect::<Vec<_>>(), [2, 3]);
+    assert_eq!(on_time(&mut perception, 6), []);
+    assert_eq!(on_time(&mut perception, 5 + 20 * MS), [Say::Boxes(5)], "the stamp is that of the first sight");
+}
+
+#[test]
+fn a_placed_box_changes_the_belief_and_the_next_one_comes() {
+    let mut perception = perception("[[1, 2, 3], [2, 2, 2]]", behaviour());
+    on_time(&mut perception, 5);
+    let said = command(&mut perception, Action::Place, at(0, 0), 9);
+    let motion = report(1, 0, Action::Place.to_wire(), MotionOutcome::Done);
+    assert_eq!(said, [Say::Motion(motion), Say::Belief, Say::Boxes(9)]);
+    assert_eq!((perception.grid().revision(), boxes(&perception).current.id), (1, 2));
+    command(&mut perception, Action::SetAside, at(0, 0), 10);
+    assert_eq!(boxes(&perception).belt_state(), Ok(BeltState::Ended));
+    assert_eq!(boxes(&perception).taken, 2);
+    assert_eq!(perception.wake_ns(), None);
+}
+
+#[test]
+fn a_command_is_obeyed_once_and_only_for_what_lies_there() {
+    let mut perception = perception("[[1, 2, 3], [1, 2, 3]]", behaviour());
+    on_time(&mut perception, 5);
+    let queue = boxes(&perception);
+    let first = PlaceCommand { spec: queue.current, placement: at(0, 0).into(), ..PlaceCommand::zeroed() };
+    let mut say = Vec::new();
+    perception.on_command(&first, 6, &mut say);
+    let before = perception.grid().revision();
+    say.clear();
+    perception.on_command(&first, 7, &mut say);
+    perception.on_command(&PlaceCommand { revision: 77, ..first }, 7, &mut say);
+    assert_eq!((say.len(), perception.grid().revision()), (0, before));
+    assert_eq!(perception.tally().counters.stale, 2);
+}
+
+#[test]
+fn an_impossible_command_is_refused_and_the_box_stays() {
+    let mut perception = perception("[[1, 2, 3]]", behaviour());
+    on_time(&mut perception, 5);
+    for placement in [at(7, 0), at(0, 3), Placement { base: 2, ..at(0, 0) }] {
+        let said = command(&mut perception, Action::Place, placement, 6);
+        let refused = report(1, 0, Action::Place.to_wire(), MotionOutcome::Refused);
+        assert_eq!(said, [Say::Motion(refused)]);
+    }
+    assert_eq!(boxes(&perception).belt_state(), Ok(BeltState::BoxPresent));
+    assert_eq!((perception.tally().counters.refused, perception.grid().revision()), (3, 0));
+}
+
+#[test]
+fn a_replaced_container_is_empty_and_the_box_is_observed_anew() {
+    let mut perception = perception("[[4, 4, 4], [4, 4, 4]]", behaviour());
+    on_time(&mut perception, 5);
+    command(&mut perception, Action::Place, at(0, 0), 6);
+    let said = command(&mut perception, Action::Replace, at(0, 0), 7);
+    assert_eq!(said[1..], [Say::Belief, Say::Boxes(7)]);
+    assert_eq!((perception.grid().slots()[0].container(), perception.grid().slots()[0].boxes()), (2, 0));
+    assert_eq!((boxes(&perception).current.id, boxes(&perception).revision), (2, 2));
+}
+
+#[test]
+fn boxes_come_at_their_pace_and_the_arm_takes_its_time() {
+    let slow = Behaviour { pace_ns: 100 * MS, motion_ns: 30 * MS, ..behaviour() };
+    let mut perception = perception("[[1, 1, 1], [1, 1, 1]]", slow);
+    on_time(&mut perception, 0);
+    assert_eq!(command(&mut perception, Action::Place, at(0, 0), 10 * MS), [Say::Boxes(0)]);
+    assert_eq!(boxes(&perception).belt_state(), Ok(BeltState::Taken));
+    assert_eq!(perception.wake_ns(), Some(40 * MS));
+    assert_eq!(on_time(&mut perception, 40 * MS).len(), 2, "the motion and the belief, and no box yet");
+    assert_eq!(perception.wake_ns(), Some(100 * MS));
+    assert_eq!(on_time(&mut perception, 100 * MS), [Say::Boxes(100 * MS)]);
+}
+
+#[test]
+fn containers_are_emptied_between_episodes() {
+    let mut perception = perception("[[1, 1, 1]], [[2, 2, 2]]", behaviour());
+    perception.belt = {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.csv");
+        fs::write(&path, "episode,l,b,h\n0,10,10,10\n1,20,20,20\n").unwrap();
+        Belt::open(path.to_str().unwrap(), 0, 0, size()).unwrap()
+    };
+    on_time(&mut perception, 5);
+    let said = command(&mut perception, Action::Place, at(1, 0), 6);
+    assert_eq!(said.len(), 4, "motion, belief, the emptied belief, and the first box of the next episode");
+    assert!(perception.grid().slots().iter().all(|slot| !slot.is_open()));
+    assert_eq!(perception.grid().slots().iter().map(Slot::container).collect::<Vec<_>>(), [2, 3]);
+    assert_eq!((boxes(&perception).current.id, boxes(&perception).episodes), (2, 2));
+    command(&mut perception, Action::Place, at(0, 0), 7);
+    assert_eq!(
+        (boxes(&perception).current.id, boxes(&perception).current.size_mm),
+        (3, [10, 10, 10]),
+        "the file again"
+    );
+}
+
+use packing::Slot;
+
+#[test]
+fn streams_that_cannot_be_packed_are_refused() {
+    let message = Belt::open("standrad", 0, 1, size()).unwrap_err().to_string();
+    assert!(message.contains("standard") && message.contains(".json"), "{message}");
+    let message = Belt::open("standard", 0, 1, size()).unwrap_err().to_string();
+    assert!(message.contains("45 x 80 x 50 cells of 10 mm") && message.contains("[container]"), "{message}");
+    assert!(Belt::open("/nonexistent.json", 0, 1, size()).is_err());
+}

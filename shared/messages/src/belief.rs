@@ -1,0 +1,191 @@
+//! `packcell/belief`: the grid we act on.
+
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+use packing::{ContainerSize, GRID_CELLS_MAX, Grid, SLOTS_MAX};
+
+use crate::header::impl_message;
+use crate::{Header, Malformed};
+
+/// The heights of all containers. Perception builds it in shared memory, and everybody reads it there.
+#[derive(Clone, Copy, Debug, Pod, Zeroable, ZeroCopySend)]
+#[type_name("packcell/Belief/v1")]
+#[repr(C)]
+pub struct Belief {
+    /// See [`Header`]. It answers no observation: it is one.
+    pub header: Header,
+    /// Counts every change of the belief. What was decided on another revision is void.
+    pub revision: u64,
+    /// Cells of a container along `i`.
+    pub length: u16,
+    /// Cells of a container along `j`.
+    pub breadth: u16,
+    /// Height limit of a container [cells].
+    pub height: u16,
+    /// Slots in use, at most [`SLOTS_MAX`].
+    pub slot_count: u16,
+    /// Side of a grid cell [mm].
+    pub cell_mm: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// The slots in the order they stand in the cell; those beyond `slot_count` mean nothing.
+    pub slots: [SlotState; SLOTS_MAX],
+    /// Slot by slot, row by row along `i`: cell `(i, j)` of slot `s` is at `(s * length + i) * breadth + j` [cells].
+    pub heights: [u16; GRID_CELLS_MAX],
+}
+
+/// One slot of the grid and the container that stands in it.
+#[derive(Clone, Copy, Debug, Pod, Zeroable, ZeroCopySend)]
+#[type_name("packcell/SlotState/v1")]
+#[repr(C)]
+pub struct SlotState {
+    /// The belief's revision when this container last changed.
+    pub revision: u64,
+    /// Identity of the container.
+    pub container: u32,
+    /// Boxes in it; the first one opens it.
+    pub boxes: u32,
+}
+
+const _: () = assert!(size_of::<SlotState>() == 16);
+const _: () = assert!(size_of::<Belief>() == 32 + 8 + 16 + 64 * 16 + 65_536 * 2);
+
+impl_message!(Belief);
+
+impl Belief {
+    /// Writes the grid; only the slots in use are touched.
+    pub fn write(&mut self, grid: &Grid) {
+        let size = grid.size();
+        self.revision = grid.revision();
+        (self.length, self.breadth, self.height) = (size.length(), size.breadth(), size.height());
+        (self.slot_count, self.cell_mm, self.reserved) = (grid.slots().len() as u16, size.cell_mm(), 0);
+        let heights = self.heights.chunks_exact_mut(size.footprint_cells());
+        for ((state, heights), slot) in self.slots.iter_mut().zip(heights).zip(grid.slots()) {
+            *state = SlotState { revision: slot.revision(), container: slot.container(), boxes: slot.boxes() };
+            heights.copy_from_slice(slot.surface().heights());
+        }
+    }
+
+    /// The size of the containers and the number of slots, checked.
+    fn shape(&self) -> Result<(ContainerSize, usize), Malformed> {
+        let size = ContainerSize::new(self.length, self.breadth, self.height, self.cell_mm)?;
+        let slots = usize::from(self.slot_count);
+        size.check_slots(slots)?;
+        Ok((size, slots))
+    }
+}
+
+/// A reader's own grid, kept equal to the belief by copying the containers that changed and no other.
+#[derive(Debug, Default)]
+pub struct GridCopy {
+    grid: Option<Grid>,
+    publisher: u64,
+}
+
+impl GridCopy {
+    /// Brings the copy to the belief's revision and returns it.
+    ///
+    /// # Errors
+    /// [`Malformed`] if the belief's size is none; the copy keeps its state.
+    pub fn follow(&mut self, belief: &Belief) -> Result<&Grid, Malformed> {
+        let (size, slots) = belief.shape()?;
+        let same_shape = |grid: &Grid| grid.size() == size && grid.slots().len() == slots;
+        let kept = self.grid.take().filter(|grid| same_shape(grid) && self.publisher == belief.header.publisher);
+        let is_new = kept.is_none();
+        let mut grid = match kept {
+            Some(grid) => grid,
+            None => Grid::new(size, slots)?,
+        };
+        if is_new || grid.revision() != belief.revision {
+            let heights = belief.heights.chunks_exact(size.footprint_cells());
+            for ((index, state), heights) in (0..).zip(&belief.slots[..slots]).zip(heights) {
+                if is_new || grid.slots()[usize::from(index)].revision() != state.revision {
+                    grid.update_slot(index, state.container, state.boxes, state.revision, heights);
+                }
+            }
+            grid.set_revision(belief.revision);
+        }
+        self.publisher = belief.header.publisher;
+        Ok(self.grid.insert(grid))
+    }
+
+    /// The copy as it is, if a belief was ever followed.
+    #[must_use]
+    pub fn grid(&self) -> Option<&Grid> {
+        self.grid.as_ref()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use packing::{BoxSpec, Placement, Yaw};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn belief() -> Box<Belief> {
+        Box::new(Zeroable::zeroed())
+    }
+
+    fn place(grid: &mut Grid, slot: u16, i: u16) {
+        let spec = BoxSpec::new(1, [10, 20, 30]).unwrap();
+        grid.place(&spec, Placement { slot, yaw: Yaw::Deg0, i, j: 0, base: 0 }).unwrap();
+    }
+
+    fn assert_same(copy: &Grid, grid: &Grid) {
+        assert_eq!(copy.revision(), grid.revision());
+        for (copy, slot) in copy.slots().iter().zip(grid.slots()) {
+            assert_eq!(
+                (copy.container(), copy.boxes(), copy.revision()),
+                (slot.container(), slot.boxes(), slot.revision())
+            );
+            assert_eq!(copy.surface().heights(), slot.surface().heights());
+            assert_eq!(copy.surface().corners(), slot.surface().corners());
+        }
+    }
+
+    #[test]
+    fn a_copy_follows_the_belief_over_the_wire() {
+        let mut grid = Grid::new(ContainerSize::new(4, 5, 6, 10).unwrap(), 3).unwrap();
+        let (mut wire, mut copy) = (belief(), GridCopy::default());
+        for (slot, i) in [(0, 0), (1, 2), (0, 3), (2, 1)] {
+            place(&mut grid, slot, i);
+            wire.write(&grid);
+            assert_same(copy.follow(&wire).unwrap(), &grid);
+        }
+        grid.replace(0, 3).unwrap();
+        wire.write(&grid);
+        assert_same(copy.follow(&wire).unwrap(), &grid);
+    }
+
+    #[test]
+    fn a_restarted_publisher_is_not_mistaken_for_the_old_one() {
+        let size = ContainerSize::new(4, 5, 6, 10).unwrap();
+        let (mut wire, mut copy) = (belief(), GridCopy::default());
+        let (mut before, mut after) = (Grid::new(size, 1).unwrap(), Grid::new(size, 1).unwrap());
+        place(&mut before, 0, 0);
+        place(&mut after, 0, 2);
+        wire.write(&before);
+        copy.follow(&wire).unwrap();
+        // The same revision number, another grid.
+        wire.write(&after);
+        wire.header.publisher = 7;
+        assert_same(copy.follow(&wire).unwrap(), &after);
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_a_reader_panic(
+            shape in any::<[u16; 4]>(), small in any::<bool>(), cell_mm in any::<u32>(), fill in any::<u16>(), revision in any::<u64>(),
+        ) {
+            let mut wire = belief();
+            let [length, breadth, height, slots] = if small { shape.map(|n| n % 70) } else { shape };
+            (wire.length, wire.breadth, wire.height, wire.slot_count) = (length, breadth, height, slots);
+            wire.cell_mm = cell_mm;
+            wire.revision = revision;
+            wire.heights.fill(fill);
+            let valid = wire.shape().is_ok();
+            prop_assert_eq!(GridCopy::default().follow(&wire).is_ok(), valid);
+        }
+    }
+}

@@ -1,0 +1,410 @@
+//! The one configuration file of a cell.
+
+use std::fmt::Display;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use packing::{ClosePolicy, ContainerSize, SizeError, WalleWeights, WeightsError};
+use serde::{Deserialize, Serialize};
+use tracing_subscriber::filter::LevelFilter;
+
+/// Everything that can be set. Its defaults are those of `deploy/packcell.toml`, which explains every key.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Where the processes meet.
+    pub bus: BusConfig,
+    /// What is filled.
+    pub container: ContainerConfig,
+    /// The stub of the physical side.
+    pub perception: PerceptionConfig,
+    /// The candidate generator.
+    pub candidates: CandidatesConfig,
+    /// The scorers.
+    pub scorer: ScorerConfig,
+    /// The commander.
+    pub commander: CommanderConfig,
+    /// What is logged.
+    pub log: LogConfig,
+}
+
+/// Where the processes meet.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BusConfig {
+    /// Directory of the bus's files; on tmpfs.
+    pub root_dir: PathBuf,
+    /// First letters of the names of the bus's shared memory.
+    pub prefix: String,
+}
+
+/// What is filled.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ContainerConfig {
+    /// Cells along `i`.
+    pub length_cells: u16,
+    /// Cells along `j`.
+    pub breadth_cells: u16,
+    /// Height limit [cells].
+    pub height_cells: u16,
+    /// Side of a grid cell [mm].
+    pub cell_mm: u32,
+    /// Containers that stand in the cell.
+    pub slots: usize,
+}
+
+/// The stub of the physical side.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PerceptionConfig {
+    /// The boxes that come: a data set's name or an episode file.
+    pub stream: String,
+    /// Seed of a generated stream.
+    pub seed: u64,
+    /// Episodes until the stream ends; 0 for one without end.
+    pub episodes: u64,
+    /// Interval at which boxes reach the pick position [ms]; 0 for as soon as the last one is placed.
+    pub pace_ms: u64,
+    /// Upcoming boxes that are known.
+    pub upcoming: usize,
+    /// How long the arm takes for a motion [ms].
+    pub motion_ms: u64,
+    /// How often an observation is said again until the arm has the box [ms].
+    pub repeat_ms: u64,
+}
+
+/// The candidate generator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CandidatesConfig {
+    /// `alpha_1` to `alpha_5` of WallE's stability score.
+    pub walle_weights: [f32; 5],
+}
+
+/// The scorers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScorerConfig {
+    /// The policy's name.
+    pub policy: String,
+    /// Its model file; empty for the one that is built in.
+    pub model: PathBuf,
+    /// What computes the network.
+    pub engine: String,
+}
+
+/// The commander.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CommanderConfig {
+    /// After this, any scorer's decision is taken [ms after the observation].
+    pub soft_deadline_ms: u64,
+    /// After this, WallE's ranking is taken [ms after the observation].
+    pub hard_deadline_ms: u64,
+    /// Which container leaves when a box fits nowhere.
+    pub close_policy: String,
+}
+
+/// What is logged.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LogConfig {
+    /// The least important lines that are still written.
+    pub level: LogLevel,
+}
+
+/// How important a log line is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LogLevel {
+    /// Something is lost or stopped.
+    Error,
+    /// Something was refused or replaced.
+    Warn,
+    /// Processes come and go.
+    #[default]
+    Info,
+    /// Every box.
+    Debug,
+}
+
+/// Why a configuration was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("cannot read the configuration {path}: {source}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system says.
+        source: std::io::Error,
+    },
+    /// The file is not a configuration.
+    #[error("{path} is not a valid configuration: {message}")]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Where and why.
+        message: String,
+    },
+    /// An override is none.
+    #[error("--set {text}: write it as section.key=value, for example commander.hard_deadline_ms=30")]
+    Override {
+        /// As given.
+        text: String,
+    },
+    /// An override names a key or value that does not exist.
+    #[error("--set {text}: {message}")]
+    Overridden {
+        /// As given.
+        text: String,
+        /// What is wrong with it.
+        message: String,
+    },
+    /// A value is out of range.
+    #[error("{key} = {value}: {rule}")]
+    Range {
+        /// The key.
+        key: &'static str,
+        /// As given.
+        value: String,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// The container is none.
+    #[error("section [container]: {0}")]
+    Container(#[from] SizeError),
+    /// WallE's weights are none.
+    #[error("candidates.walle_weights: {0}")]
+    Weights(#[from] WeightsError),
+    /// The close policy is none.
+    #[error("commander.close_policy: {0}")]
+    ClosePolicy(String),
+}
+
+impl Default for BusConfig {
+    fn default() -> Self {
+        Self { root_dir: "/dev/shm/packcell.bus".into(), prefix: "packcell_".into() }
+    }
+}
+
+impl Default for ContainerConfig {
+    fn default() -> Self {
+        let paper = ContainerSize::PAPER;
+        let (length_cells, breadth_cells, height_cells) = (paper.length(), paper.breadth(), paper.height());
+        Self { length_cells, breadth_cells, height_cells, cell_mm: paper.cell_mm(), slots: 16 }
+    }
+}
+
+impl Default for PerceptionConfig {
+    fn default() -> Self {
+        let stream = "standard".into();
+        Self { stream, seed: 1, episodes: 0, pace_ms: 1000, upcoming: 2, motion_ms: 0, repeat_ms: 20 }
+    }
+}
+
+impl Default for CandidatesConfig {
+    fn default() -> Self {
+        Self { walle_weights: [0.75, 1.0, 1.0, 0.01, 1.0] }
+    }
+}
+
+impl Default for ScorerConfig {
+    fn default() -> Self {
+        Self { policy: "packman".into(), model: PathBuf::new(), engine: "burn-flex".into() }
+    }
+}
+
+impl Default for CommanderConfig {
+    fn default() -> Self {
+        Self { soft_deadline_ms: 12, hard_deadline_ms: 25, close_policy: "fullest".into() }
+    }
+}
+
+impl Config {
+    /// Reads a configuration file and applies overrides of the form `section.key=value`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] says which file, key or value is wrong, and what it must be.
+    pub fn load(path: &Path, overrides: &[String]) -> Result<Self, ConfigError> {
+        let text = fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.into(), source })?;
+        let parse = |error: toml::de::Error| ConfigError::Parse { path: path.into(), message: error.to_string() };
+        toml::from_str::<Self>(&text).map_err(parse)?.overridden(overrides)
+    }
+
+    /// This configuration with overrides of the form `section.key=value`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] says which key or value is wrong, and what it must be.
+    pub fn overridden(self, overrides: &[String]) -> Result<Self, ConfigError> {
+        let mut config = self;
+        for text in overrides {
+            let invalid =
+                |error: &dyn Display| ConfigError::Overridden { text: text.clone(), message: error.to_string() };
+            let mut table = toml::Table::try_from(&config).map_err(|error| invalid(&error))?;
+            merge(&mut table, parse_override(text)?);
+            config = Self::deserialize(table).map_err(|error| invalid(&error))?;
+        }
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The file that reads back as this configuration.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("plain sections of plain values are a TOML document")
+    }
+
+    /// The size of the containers.
+    ///
+    /// # Errors
+    /// [`ConfigError::Container`].
+    pub fn container_size(&self) -> Result<ContainerSize, ConfigError> {
+        let ContainerConfig { length_cells, breadth_cells, height_cells, cell_mm, slots } = self.container;
+        let size = ContainerSize::new(length_cells, breadth_cells, height_cells, cell_mm)?;
+        size.check_slots(slots)?;
+        Ok(size)
+    }
+
+    /// WallE's weights.
+    ///
+    /// # Errors
+    /// [`ConfigError::Weights`].
+    pub fn walle_weights(&self) -> Result<WalleWeights, ConfigError> {
+        Ok(WalleWeights::new(self.candidates.walle_weights)?)
+    }
+
+    /// Which container leaves when a box fits nowhere.
+    ///
+    /// # Errors
+    /// [`ConfigError::ClosePolicy`].
+    pub fn close_policy(&self) -> Result<ClosePolicy, ConfigError> {
+        self.commander.close_policy.parse().map_err(ConfigError::ClosePolicy)
+    }
+
+    /// Whether all values are in range.
+    ///
+    /// # Errors
+    /// [`ConfigError`] at the first that is not.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let in_range = |key, value: u64, range: std::ops::RangeInclusive<u64>, rule| {
+            if range.contains(&value) {
+                Ok(())
+            } else {
+                Err(ConfigError::Range { key, value: value.to_string(), rule })
+            }
+        };
+        self.container_size()?;
+        self.close_policy()?;
+        let CommanderConfig { soft_deadline_ms, hard_deadline_ms, .. } = self.commander;
+        in_range("commander.hard_deadline_ms", hard_deadline_ms, 1..=1000, "it must be 1 to 1000 ms")?;
+        let rule = "it must not be later than commander.hard_deadline_ms";
+        in_range("commander.soft_deadline_ms", soft_deadline_ms, 0..=hard_deadline_ms, rule)?;
+        let PerceptionConfig { pace_ms, motion_ms, repeat_ms, upcoming, .. } = self.perception;
+        in_range("perception.upcoming", upcoming as u64, 0..=8, "at most 8 upcoming boxes can be known")?;
+        in_range("perception.pace_ms", pace_ms, 0..=3_600_000, "it must be at most an hour")?;
+        in_range("perception.motion_ms", motion_ms, 0..=3_600_000, "it must be at most an hour")?;
+        in_range("perception.repeat_ms", repeat_ms, 1..=1000, "it must be 1 to 1000 ms")?;
+        self.walle_weights().map(drop)
+    }
+}
+
+impl LogLevel {
+    pub(crate) fn filter(self) -> LevelFilter {
+        match self {
+            Self::Error => LevelFilter::ERROR,
+            Self::Warn => LevelFilter::WARN,
+            Self::Info => LevelFilter::INFO,
+            Self::Debug => LevelFilter::DEBUG,
+        }
+    }
+}
+
+/// `section.key=value` as a table; a value that is no TOML is text.
+fn parse_override(text: &str) -> Result<toml::Table, ConfigError> {
+    let invalid = || ConfigError::Override { text: text.to_owned() };
+    let (key, value) = text.split_once('=').ok_or_else(invalid)?;
+    let is_key = key.split('.').count() == 2 && key.chars().all(|c| c.is_ascii_alphanumeric() || "._".contains(c));
+    if !is_key {
+        return Err(invalid());
+    }
+    let as_text = || toml::from_str(&format!("{key} = {}", toml::Value::String(value.to_owned())));
+    toml::from_str(&format!("{key} = {value}")).or_else(|_| as_text()).map_err(|_| invalid())
+}
+
+/// Puts the values of `over` into `table`, section by section.
+fn merge(table: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (table.get_mut(&key), value) {
+            (Some(toml::Value::Table(section)), toml::Value::Table(over)) => merge(section, over),
+            (_, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(text: &str, overrides: &[&str]) -> Result<Config, ConfigError> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("packcell.toml");
+        fs::write(&path, text).unwrap();
+        Config::load(&path, &overrides.iter().map(|&o| o.to_owned()).collect::<Vec<_>>())
+    }
+
+    #[track_caller]
+    fn refused(text: &str, overrides: &[&str], says: &str) {
+        let message = load(text, overrides).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+    }
+
+    #[test]
+    fn the_shipped_file_states_the_defaults() {
+        let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/packcell.toml");
+        assert_eq!(Config::load(&shipped, &[]).unwrap(), Config::default());
+        let text = fs::read_to_string(shipped).unwrap();
+        for section in toml::from_str::<toml::Table>(&Config::default().to_toml()).unwrap() {
+            for key in section.1.as_table().unwrap().keys() {
+                assert!(text.contains(&format!("\n{key} = ")), "{}.{key} is not in the shipped file", section.0);
+            }
+        }
+    }
+
+    #[test]
+    fn a_configuration_reads_back_as_it_was_written() {
+        let mut config = Config::default();
+        config.perception.stream = "/tmp/with \"quotes\".json".into();
+        assert_eq!(load(&config.to_toml(), &[]).unwrap(), config);
+    }
+
+    #[test]
+    fn overrides_override() {
+        let config =
+            load("[commander]\nhard_deadline_ms = 30\n", &["commander.hard_deadline_ms=31", "scorer.policy=walle"]);
+        let config = config.unwrap();
+        assert_eq!((config.commander.hard_deadline_ms, config.scorer.policy.as_str()), (31, "walle"));
+        assert_eq!(config.commander.soft_deadline_ms, 12);
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        refused("[commander]\nhard_dedline_ms = 30\n", &[], "unknown field `hard_dedline_ms`");
+        refused("[comander]\n", &[], "unknown field `comander`");
+        refused("", &["commander.hard=3"], "unknown field `hard`");
+        refused("", &["hard=3"], "section.key=value");
+        refused("", &["commander.hard_deadline_ms=soon"], "invalid type");
+        refused("", &["commander.hard_deadline_ms=0"], "it must be 1 to 1000 ms");
+        refused("", &["commander.soft_deadline_ms=26"], "not be later than commander.hard_deadline_ms");
+        refused("", &["commander.close_policy=best"], "never, oldest, fullest");
+        refused("", &["container.slots=99"], "a grid has 1 to 64 slots");
+        refused("", &["perception.upcoming=9"], "at most 8");
+        refused("", &["candidates.walle_weights=[1.0, nan, 1.0, 1.0, 1.0]"], "five numbers of 0 or more");
+        refused("[log]\nlevel = \"loud\"\n", &[], "unknown variant `loud`");
+        let message = Config::load(Path::new("/nonexistent.toml"), &[]).unwrap_err().to_string();
+        assert!(message.starts_with("cannot read the configuration /nonexistent.toml"), "{message}");
+    }
+}

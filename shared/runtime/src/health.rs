@@ -1,0 +1,89 @@
+//! A process's word about itself.
+
+use std::fmt::Display;
+
+use messages::topics::{HEALTH, Role};
+use messages::{Counters, Health, Text};
+
+use crate::{Bus, BusError, Publisher, monotonic_ns};
+
+/// How often a process says how it is [ns].
+const PERIOD_NS: u64 = 200_000_000;
+
+/// What a process did so far, and why it refused a message last.
+#[derive(Clone, Debug)]
+pub struct Tally {
+    /// What it did so far.
+    pub counters: Counters,
+    refusal: Text,
+}
+
+impl Default for Tally {
+    fn default() -> Self {
+        Self { counters: Counters::default(), refusal: Text::new("") }
+    }
+}
+
+impl Tally {
+    /// Counts a box that this process did its part for.
+    pub fn handle(&mut self, box_id: u64) {
+        self.counters.handled += 1;
+        self.counters.last_box = box_id;
+    }
+
+    /// Counts a message that no correct process sends. The log has a line whenever the reason changes, so that a
+    /// flood of rubbish does not become a flood of lines.
+    pub fn refuse(&mut self, reason: &dyn Display) {
+        self.counters.refused += 1;
+        let refusal = Text::new(&reason.to_string());
+        if refusal != self.refusal {
+            tracing::warn!(%reason, refused = self.counters.refused, "refused a message");
+            self.refusal = refusal;
+        }
+    }
+
+    /// Counts a message on which the cell has moved on.
+    pub fn pass_over(&mut self) {
+        self.counters.stale += 1;
+    }
+}
+
+/// Publishes a process's [`Health`] a few times a second.
+#[derive(Debug)]
+pub struct Reporter {
+    publisher: Publisher<Health>,
+    role: Role,
+    detail: Text,
+    ready_ns: u64,
+    due_ns: u64,
+}
+
+impl Reporter {
+    /// A reporter for this process, which is `detail` in its own words; its first report says it is ready.
+    ///
+    /// # Errors
+    /// [`BusError`] if the topic cannot be joined.
+    pub fn new(bus: &Bus, detail: &str) -> Result<Self, BusError> {
+        let now = monotonic_ns();
+        let publisher = bus.publisher(&HEALTH)?;
+        Ok(Self { publisher, role: bus.role(), detail: Text::new(detail), ready_ns: now, due_ns: 0 })
+    }
+
+    /// Publishes a report if one is due.
+    ///
+    /// # Errors
+    /// [`BusError`] if the bus failed.
+    pub fn report_if_due(&mut self, tally: &Tally) -> Result<(), BusError> {
+        let now = monotonic_ns();
+        if now < self.due_ns {
+            return Ok(());
+        }
+        self.due_ns = now + PERIOD_NS;
+        self.publisher.publish(0, |health| {
+            (health.role, health.pid) = (self.role.to_wire(), std::process::id());
+            (health.ready_ns, health.counters) = (self.ready_ns, tally.counters);
+            (health.detail, health.refusal) = (self.detail, tally.refusal);
+        })?;
+        Ok(())
+    }
+}

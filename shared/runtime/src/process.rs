@@ -1,0 +1,75 @@
+//! A service as an operating-system process: its arguments, its log, its end.
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::{Config, ConfigError, LogLevel};
+
+/// The arguments that every service takes.
+#[derive(Clone, Debug, clap::Args)]
+pub struct ServiceArgs {
+    /// The cell's configuration file, shared by all services
+    #[arg(long, value_name = "FILE", default_value = "/etc/packcell/packcell.toml")]
+    pub config: PathBuf,
+    /// Overrides one key of the file, for example --set commander.hard_deadline_ms=30
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Stop when the process that started this one ends
+    #[arg(long)]
+    pub with_parent: bool,
+}
+
+impl ServiceArgs {
+    /// Reads the configuration, starts the log and ties the process to its parent if it is to be.
+    ///
+    /// # Errors
+    /// [`ConfigError`] says which file or key is wrong, and how.
+    pub fn load(&self) -> Result<Config, ConfigError> {
+        if self.with_parent {
+            let parent = getppid();
+            // Best effort: without it the cell's supervisor still stops what it started, unless it is killed.
+            let _ = set_parent_process_death_signal(Some(Signal::TERM));
+            if getppid() != parent {
+                let _ = rustix::process::kill_process(rustix::process::getpid(), Signal::TERM);
+            }
+        }
+        let config = Config::load(&self.config, &self.overrides)?;
+        init_log(config.log.level);
+        Ok(config)
+    }
+}
+
+/// Starts the log: lines on stderr, which systemd's journal takes up. A second call changes nothing.
+pub fn init_log(level: LogLevel) {
+    let format = tracing_subscriber::fmt().with_writer(io::stderr).with_target(false);
+    let _the_first_caller_decides = format.with_max_level(level.filter()).try_init();
+}
+
+/// Whether SIGTERM or SIGINT asked the process to end.
+#[derive(Clone, Debug)]
+pub struct StopSignal(Arc<AtomicBool>);
+
+impl StopSignal {
+    /// Catches SIGTERM and SIGINT from here on.
+    ///
+    /// # Errors
+    /// [`io::Error`] if the signals cannot be caught.
+    pub fn catch() -> io::Result<Self> {
+        let flag = Arc::new(AtomicBool::new(false));
+        for signal in [SIGTERM, SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&flag))?;
+        }
+        Ok(Self(flag))
+    }
+
+    /// Whether the process is to end.
+    #[must_use]
+    pub fn is_set(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
