@@ -118,7 +118,7 @@ impl Scorer {
             instance: self.instance,
             best: choice.index as u32,
             value: choice.value,
-            depth: 0,
+            depth: choice.depth.into(),
         }))
     }
 

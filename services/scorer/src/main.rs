@@ -57,11 +57,15 @@ fn main() -> anyhow::Result<()> {
 fn load_policy(config: &ScorerConfig) -> anyhow::Result<(Policy, String)> {
     let kind: PolicyKind = config.policy.parse().context("scorer.policy")?;
     let engine: Engine = config.engine.parse().context("scorer.engine")?;
+    let model = if kind == PolicyKind::Walle || config.model.as_os_str().is_empty() {
+        kind.built_in_model()
+    } else {
+        Model::load(&config.model).map(Some)
+    };
+    let policy = Policy::new(kind, engine, model.context("scorer.model")?.as_ref())?;
     if kind == PolicyKind::Walle {
-        return Ok((Policy::new(kind, engine, None)?, kind.to_string()));
+        return Ok((policy, kind.to_string()));
     }
-    let model = if config.model.as_os_str().is_empty() { Model::built_in() } else { Model::load(&config.model) };
-    let policy = Policy::new(kind, engine, Some(&model.context("scorer.model")?))?;
     let detail = format!("{kind} {:016x} on {engine}", policy.fingerprint());
     Ok((policy, detail))
 }
