@@ -59,7 +59,7 @@ impl Method {
                 (Ok(heuristic), _) => {
                     (Kind::Heuristic(with_weights(heuristic, settings.weights)), ContainerOrder::FirstThatFits)
                 }
-                (_, Ok(kind)) => (Kind::Network(kind, load(file)?), ContainerOrder::FirstThatFits),
+                (_, Ok(kind)) => (Kind::Network(kind, load(kind, file)?), ContainerOrder::FirstThatFits),
                 _ => return Err(unknown(base)),
             },
         };
@@ -112,10 +112,10 @@ fn split(name: &str, mark: char) -> (&str, Option<&str>) {
     name.split_once(mark).map_or((name, None), |(before, behind)| (before, Some(behind)))
 }
 
-/// The model in a file, or the one that ships.
-fn load(file: Option<&str>) -> anyhow::Result<Arc<Model>> {
-    let model = file.map_or_else(Model::built_in, |file| Model::load(Path::new(file)));
-    model.map(Arc::new).context("the model cannot be used")
+/// The model in a file, or the one that ships for the policy.
+fn load(kind: PolicyKind, file: Option<&str>) -> anyhow::Result<Arc<Model>> {
+    let model = file.map_or_else(|| kind.built_in_model(), |file| Model::load(Path::new(file)).map(Some));
+    model.context("the model cannot be used")?.map(Arc::new).with_context(|| format!("{kind} has no network"))
 }
 
 fn unknown(name: &str) -> anyhow::Error {
