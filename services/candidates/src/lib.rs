@@ -85,7 +85,7 @@ impl Found<'_> {
 
 #[cfg(test)]
 mod tests {
-    use bytemuck::{Zeroable, zeroed_box};
+    use bytemuck::Zeroable;
     use messages::WireBox;
     use packing::{ContainerSize, Grid};
 
@@ -93,7 +93,7 @@ mod tests {
 
     fn observation(size_mm: [u32; 3]) -> (Box<Belief>, BoxQueue) {
         let grid = Grid::new(ContainerSize::new(9, 9, 9, 10).unwrap(), 2).unwrap();
-        let mut belief: Box<Belief> = zeroed_box();
+        let mut belief: Box<Belief> = Box::new(Zeroable::zeroed());
         belief.write(&grid);
         let current = WireBox { id: 5, size_mm, reserved: 0 };
         (belief, BoxQueue { current, belt: BeltState::BoxPresent.to_wire(), ..BoxQueue::zeroed() })
@@ -111,7 +111,7 @@ mod tests {
         let mut service = candidates();
         let found = service.find(&queue, &belief).unwrap();
         assert_eq!(found.observed_ns(), 7);
-        let mut set: Box<CandidateSet> = zeroed_box();
+        let mut set: Box<CandidateSet> = Box::new(Zeroable::zeroed());
         found.write(&mut set, 9);
         assert_eq!((set.count, set.current.id, set.boxes_stamp_ns, set.received_ns), (8, 5, 8, 9));
         assert_eq!((service.tally().counters.handled, service.tally().counters.last_box), (1, 5));

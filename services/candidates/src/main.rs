@@ -5,7 +5,6 @@
 use candidates::Candidates;
 use clap::Parser;
 use messages::topics::{BELIEF, BOXES, CANDIDATES, Role};
-use packing::WalleWeights;
 use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
 use tracing::info;
 
@@ -19,7 +18,7 @@ struct Args {
 
 fn main() -> anyhow::Result<()> {
     let config = Args::parse().service.load()?;
-    let mut candidates = Candidates::new(WalleWeights::from(config.candidates.walle_weights));
+    let mut candidates = Candidates::new(config.walle_weights()?);
 
     let bus = Bus::join(&config.bus, Role::Candidates)?;
     let bell = bus.bell()?;

@@ -1,6 +1,6 @@
 //! The commander alone, in a time that the tests make.
 
-use bytemuck::{Zeroable, zeroed_box};
+use bytemuck::Zeroable;
 use messages::Header;
 use packing::{ContainerSize, WalleWeights, corner_candidates};
 
@@ -20,12 +20,12 @@ impl Bench {
     fn new(close: ClosePolicy) -> Self {
         let deadlines = Deadlines { soft_ns: 12 * MS, hard_ns: 25 * MS };
         let grid = Grid::new(ContainerSize::new(6, 6, 6, 10).unwrap(), 2).unwrap();
-        Self { commander: Commander::new(deadlines, close, 0), grid, set: zeroed_box() }
+        Self { commander: Commander::new(deadlines, close, 0), grid, set: Box::new(Zeroable::zeroed()) }
     }
 
     /// Shows the commander the belief and the candidates of a box, 1 ms after it was observed.
     fn observe(&mut self, id: u64, size_mm: [u32; 3]) -> Option<Order> {
-        let mut belief: Box<Belief> = zeroed_box();
+        let mut belief: Box<Belief> = Box::new(Zeroable::zeroed());
         belief.write(&self.grid);
         self.commander.on_belief(&belief);
         let spec = BoxSpec::new(id, size_mm).unwrap();
@@ -134,7 +134,8 @@ fn nonsense_is_refused_and_the_deadline_decides() {
         assert_eq!(bench.commander.on_decision(decision, OBSERVED + 2 * MS), None);
     }
     assert_eq!(bench.refused(), 4);
-    let of_another = [Decision { box_id: 2, ..good }, Decision { revision: 1, ..good }, Decision { set_digest: 1, ..good }];
+    let of_another =
+        [Decision { box_id: 2, ..good }, Decision { revision: 1, ..good }, Decision { set_digest: 1, ..good }];
     for decision in &of_another {
         assert_eq!(bench.commander.on_decision(decision, OBSERVED + 2 * MS), None);
     }

@@ -39,7 +39,9 @@ pub enum StreamError {
     #[error("cannot generate the stream")]
     Recipe(#[from] RecipeError),
     /// The boxes are meant for other containers.
-    #[error("{stream} is for containers of {of_stream}, and the cell has containers of {of_cell} (section [container])")]
+    #[error(
+        "{stream} is for containers of {of_stream}, and the cell has containers of {of_cell} (section [container])"
+    )]
     OtherContainer {
         /// The stream.
         stream: String,

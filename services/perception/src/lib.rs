@@ -165,7 +165,12 @@ impl Perception {
             Err(Refusal::NotPresent { .. }) => self.tally.pass_over(),
             Err(refusal @ (Refusal::Malformed(_) | Refusal::Impossible(_))) => {
                 self.tally.refuse(&refusal);
-                say.push(Say::Motion(report(command.spec.id, command.revision, command.action, MotionOutcome::Refused)));
+                say.push(Say::Motion(report(
+                    command.spec.id,
+                    command.revision,
+                    command.action,
+                    MotionOutcome::Refused,
+                )));
             }
         }
     }

@@ -147,7 +147,11 @@ fn containers_are_emptied_between_episodes() {
     assert_eq!(perception.grid().slots().iter().map(Slot::container).collect::<Vec<_>>(), [2, 3]);
     assert_eq!((boxes(&perception).current.id, boxes(&perception).episodes), (2, 2));
     command(&mut perception, Action::Place, at(0, 0), 7);
-    assert_eq!((boxes(&perception).current.id, boxes(&perception).current.size_mm), (3, [10, 10, 10]), "the file again");
+    assert_eq!(
+        (boxes(&perception).current.id, boxes(&perception).current.size_mm),
+        (3, [10, 10, 10]),
+        "the file again"
+    );
 }
 
 use packing::Slot;

@@ -54,7 +54,7 @@ pub struct InstanceError(pub String);
 /// [`InstanceError`] for anything but a letter from `a` to `h`.
 pub fn parse_instance(letter: &str) -> Result<u32, InstanceError> {
     match letter.as_bytes() {
-        [byte @ b'a'..] if usize::from(byte - b'a') < SCORERS_MAX => Ok(u32::from(byte - b'a')),
+        &[byte @ b'a'..=b'z'] if usize::from(byte - b'a') < SCORERS_MAX => Ok(u32::from(byte - b'a')),
         _ => Err(InstanceError(letter.to_owned())),
     }
 }
@@ -147,7 +147,7 @@ impl Verdict {
 
 #[cfg(test)]
 mod tests {
-    use bytemuck::zeroed_box;
+    use bytemuck::Zeroable;
     use packing::Heuristic;
     use policy::{Engine, PolicyKind};
 
@@ -159,9 +159,9 @@ mod tests {
 
     fn question() -> (Box<Belief>, Box<CandidateSet>, Vec<Candidate>) {
         let grid = Grid::new(ContainerSize::new(9, 9, 9, 10).unwrap(), 2).unwrap();
-        let mut belief: Box<Belief> = zeroed_box();
+        let mut belief: Box<Belief> = Box::new(Zeroable::zeroed());
         belief.write(&grid);
-        let mut set: Box<CandidateSet> = zeroed_box();
+        let mut set: Box<CandidateSet> = Box::new(Zeroable::zeroed());
         set.current = WireBox { id: 5, size_mm: [30, 40, 50], reserved: 0 };
         let mut candidates = Vec::new();
         corner_candidates(&grid, Extent { length: 3, breadth: 4, height: 5 }, &WalleWeights::PAPER, &mut candidates);

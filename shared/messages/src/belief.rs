@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     fn belief() -> Box<Belief> {
-        bytemuck::zeroed_box()
+        Box::new(Zeroable::zeroed())
     }
 
     fn place(grid: &mut Grid, slot: u16, i: u16) {
@@ -135,7 +135,10 @@ mod tests {
     fn assert_same(copy: &Grid, grid: &Grid) {
         assert_eq!(copy.revision(), grid.revision());
         for (copy, slot) in copy.slots().iter().zip(grid.slots()) {
-            assert_eq!((copy.container(), copy.boxes(), copy.revision()), (slot.container(), slot.boxes(), slot.revision()));
+            assert_eq!(
+                (copy.container(), copy.boxes(), copy.revision()),
+                (slot.container(), slot.boxes(), slot.revision())
+            );
             assert_eq!(copy.surface().heights(), slot.surface().heights());
             assert_eq!(copy.surface().corners(), slot.surface().corners());
         }

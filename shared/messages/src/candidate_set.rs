@@ -164,7 +164,7 @@ mod tests {
     }
 
     fn set(candidates: &[Candidate]) -> Box<CandidateSet> {
-        let mut set: Box<CandidateSet> = bytemuck::zeroed_box();
+        let mut set: Box<CandidateSet> = Box::new(Zeroable::zeroed());
         set.current = WireBox { id: 4, size_mm: [10, 20, 30], reserved: 0 };
         set.revision = 5;
         set.write_candidates(candidates);
@@ -216,7 +216,7 @@ mod tests {
     proptest! {
         #[test]
         fn no_bytes_make_a_reader_panic(word in any::<u64>(), count in any::<u32>(), digest in any::<bool>()) {
-            let mut set: Box<CandidateSet> = bytemuck::zeroed_box();
+            let mut set: Box<CandidateSet> = Box::new(Zeroable::zeroed());
             bytemuck::cast_slice_mut::<CandidateSet, u64>(std::slice::from_mut(&mut set)).fill(word);
             set.count = count % 5000;
             if digest {

@@ -16,7 +16,9 @@
 
 use std::marker::PhantomData;
 
-use crate::{Belief, BoxQueue, CandidateSet, CycleReport, Decision, Health, Malformed, Message, MotionReport, PlaceCommand};
+use crate::{
+    Belief, BoxQueue, CandidateSet, CycleReport, Decision, Health, Malformed, Message, MotionReport, PlaceCommand,
+};
 
 /// A stream of messages of one type.
 #[derive(Debug)]

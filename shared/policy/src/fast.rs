@@ -1,8 +1,15 @@
 //! Whole episodes at high speed, for learning: one policy of moves, every container stays open.
 
-use packing::{ContainerSize, Episode, Extent, Placement, Surface, corner_places};
+use std::convert::Infallible;
 
-use crate::moves::{ContainerView, features};
+use packing::{
+    ClosePolicy, ContainerSize, Environment, Episode, Extent, Placement, SizeError, Step, Surface, WalleWeights,
+    corner_candidates, corner_places,
+};
+
+use crate::lookahead::{Value, plan};
+use crate::moves::{ContainerView, Features, features};
+use crate::policy::describe;
 use crate::weights::Weights;
 
 /// What an episode came to.
@@ -67,6 +74,54 @@ pub fn pack_fast(episode: &Episode, weights: &Weights, containers_max: usize) ->
     packed
 }
 
+/// Packs an episode by plans for every box and the `upcoming` after it, searched by one beam of `width`.
+///
+/// # Errors
+/// [`SizeError`] if the containers make no grid.
+pub fn pack_planned(
+    episode: &Episode,
+    weights: &Weights,
+    containers_max: usize,
+    upcoming: usize,
+    width: usize,
+) -> Result<Packed, SizeError> {
+    let size = episode.container;
+    let mut environment = Environment::new(size, containers_max, ClosePolicy::Never)?;
+    let (mut candidates, mut moves) = (Vec::new(), Vec::new());
+    let mut plain = Plain(weights);
+    let extents: Vec<Extent> = episode.boxes.iter().map(|spec| spec.extent(size.cell_mm())).collect();
+    let mut packed = Packed { packed_cells: vec![0; containers_max], set_aside: 0 };
+    for (index, spec) in episode.boxes.iter().enumerate() {
+        let known = &extents[index..extents.len().min(index + 1 + upcoming)];
+        let placed = environment.pack(spec, |grid, extent| {
+            corner_candidates(grid, extent, &WalleWeights::PAPER, &mut candidates);
+            describe(grid, extent, &candidates, &mut moves);
+            let Ok(values) = plain.values(&moves);
+            let Ok(plan) = plan(grid, known.to_vec(), &candidates, &values, &mut plain, &[width], &mut || false);
+            plan.map(|plan| candidates[plan.first].placement)
+        });
+        match placed {
+            Ok(Step::Placed(placement)) => {
+                packed.packed_cells[usize::from(placement.slot)] += extents[index].volume_cells() as u32;
+            }
+            Ok(Step::SetAside) | Err(_) => packed.set_aside += 1,
+        }
+    }
+    packed.packed_cells.retain(|&cells| cells > 0);
+    Ok(packed)
+}
+
+/// The network computed here and now.
+struct Plain<'a>(&'a Weights);
+
+impl Value for Plain<'_> {
+    type Error = Infallible;
+
+    fn values(&mut self, moves: &[Features]) -> Result<Vec<f32>, Infallible> {
+        Ok(moves.iter().map(|features| self.0.value_of_move(features)).collect())
+    }
+}
+
 fn consider(
     surface: &Surface,
     view: &ContainerView,
@@ -80,4 +135,59 @@ fn consider(
             *best = Some((value, placement));
         }
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use packing::{Grid, Recipe, Split};
+
+    use super::*;
+    use crate::{Engine, Model, Policy, PolicyKind};
+
+    /// The figures of the cell's own policy, box by box: the volume in every container.
+    fn slowly(kind: PolicyKind, episode: &Episode, upcoming: usize) -> Vec<u32> {
+        let model = Model::built_in().unwrap();
+        let mut policy = Policy::new(kind, Engine::BurnFlex, Some(&model)).unwrap();
+        let mut environment = Environment::new(episode.container, 16, ClosePolicy::Never).unwrap();
+        let mut candidates = Vec::new();
+        for (index, spec) in episode.boxes.iter().enumerate() {
+            let cell_mm = episode.container.cell_mm();
+            let known: Vec<_> =
+                episode.boxes[index + 1..].iter().take(upcoming).map(|spec| spec.extent(cell_mm)).collect();
+            let choose = |grid: &Grid, extent| {
+                corner_candidates(grid, extent, &WalleWeights::PAPER, &mut candidates);
+                let choice = policy.choose(grid, extent, &known, &candidates).unwrap();
+                choice.map(|choice| candidates[choice.index].placement)
+            };
+            environment.pack(spec, choose).unwrap();
+        }
+        let packed = |slot: &packing::Slot| slot.surface().heights().iter().map(|&height| u32::from(height)).sum();
+        environment.grid().slots().iter().map(packed).filter(|&cells| cells > 0).collect()
+    }
+
+    #[test]
+    fn the_fast_way_is_the_cells_way_on_any_grid() {
+        let model = Model::built_in().unwrap();
+        let coarse = Recipe { container: ContainerSize::new(9, 16, 10, 50).unwrap(), ..Recipe::standard() };
+        let coarse_episode = coarse.episode(Split::Validation, 3, 0).unwrap();
+        let fast = pack_fast(&coarse_episode, model.weights(), 16);
+        assert_eq!(fast.set_aside, 0);
+        assert_eq!(slowly(PolicyKind::Packman, &coarse_episode, 0), fast.packed_cells);
+        // A 1 cm grid rounds differently in the last bits, but the same boxes come to the same containers.
+        let fine_episode = Recipe::standard().episode(Split::Validation, 3, 0).unwrap();
+        let fine = slowly(PolicyKind::Packman, &fine_episode, 0);
+        assert_eq!(fine.iter().map(|cells| u64::from(*cells)).sum::<u64>(), 10 * ContainerSize::PAPER.volume_cells());
+        assert!(fine.len().abs_diff(fast.packed_cells.len()) <= 1, "{} and {}", fine.len(), fast.packed_cells.len());
+    }
+
+    /// Two containers of 100 cells, the second one third full: it counts as 0.333 / 0.6 of one.
+    #[test]
+    fn a_step_towards_saving_a_container_counts() {
+        let size = ContainerSize::new(5, 4, 5, 10).unwrap();
+        let packed = Packed { packed_cells: vec![90, 30], set_aside: 0 };
+        assert!((packed.containers(size) - 1.5).abs() < 1e-9);
+        assert!((packed.fill(size, 1) - 0.9).abs() < 1e-9);
+        let misfit = Packed { set_aside: 1, ..packed };
+        assert!((misfit.containers(size) - 2.5).abs() < 1e-9);
+    }
 }

@@ -27,7 +27,7 @@ pub use dqn::{Dqn, DqnConfig, DqnError, Trained};
 pub use encoding::{Batch, Encoder, Encoding, Walls, X_LEN, Y_LEN, Z_LEN};
 pub use engine::{Engine, EngineError};
 pub use evolution::Evolution;
-pub use fast::{Packed, pack_fast};
+pub use fast::{Packed, pack_fast, pack_planned};
 pub use lookahead::UPCOMING_MAX;
 pub use model::{Card, ContainerOrder, FORMAT, MODEL_BYTES_MAX, Model, ModelError, ModelFault, Training, Validation};
 pub use policy::{Choice, NotFinite, Policy, PolicyError, PolicyKind, PolicyKindError};

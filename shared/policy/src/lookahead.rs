@@ -17,7 +17,7 @@ use crate::moves::{ContainerView, Features, features};
 pub const UPCOMING_MAX: usize = 8;
 
 /// Nodes kept after the current box, beam by beam; half as many after every later box.
-const WIDTHS: [usize; 3] = [1, 4, 12];
+pub(crate) const WIDTHS: [usize; 3] = [1, 4, 12];
 
 /// What opening a container takes off a plan's measure.
 pub(crate) const OPENING_COST: f32 = 20.0;
@@ -104,13 +104,14 @@ impl<'a> Container<'a> {
 
 /// Plans from the current box's candidates and their values.
 ///
-/// `values` belongs to `candidates`, which must not be empty. `is_over` is asked before every piece of work.
+/// `values` belongs to `candidates`; `widths` rise. `is_over` is asked before every piece of work.
 pub(crate) fn plan<V: Value>(
     grid: &Grid,
     extents: Vec<Extent>,
     candidates: &[Candidate],
     values: &[f32],
     value: &mut V,
+    widths: &[usize],
     is_over: &mut dyn FnMut() -> bool,
 ) -> Result<Option<Plan>, V::Error> {
     let greedy = (0..values.len()).reduce(|best, index| if values[index] > values[best] { index } else { best });
@@ -152,7 +153,7 @@ pub(crate) fn plan<V: Value>(
     let mut order: Vec<usize> = (0..children.len()).collect();
     order.sort_by(|&a, &b| children[b].measure.total_cmp(&children[a].measure).then(a.cmp(&b)));
     let mut expanded: Vec<Node<'_>> = Vec::new();
-    for width in WIDTHS {
+    for &width in widths {
         // The first moves of a narrower beam are those of a wider one, so their nodes are kept.
         while expanded.len() < width.min(order.len()) {
             if is_over() {
@@ -168,7 +169,7 @@ pub(crate) fn plan<V: Value>(
         let is_better = best.width == 0 || found.1 > best.measure;
         let (first, measure) = if is_better { found } else { (best.first, best.measure) };
         best = Plan { first, measure, depth: boxes as u8, width: width as u16 };
-        if order.len() <= width && width > 1 {
+        if order.len() <= width && width / 2 > order.len() {
             break;
         }
     }
@@ -281,5 +282,134 @@ impl<'a, V: Value> Search<'a, '_, V> {
             }
         }
         next
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use packing::{BoxSpec, ContainerSize, Draw, WalleWeights, Yaw, corner_candidates};
+
+    use super::*;
+    use crate::policy::describe;
+    use crate::{Architecture, Weights};
+
+    struct Plain(Weights);
+
+    impl Value for Plain {
+        type Error = Infallible;
+
+        fn values(&mut self, moves: &[Features]) -> Result<Vec<f32>, Infallible> {
+            Ok(moves.iter().map(|features| self.0.value_of_move(features)).collect())
+        }
+    }
+
+    fn cells(length: u16, breadth: u16, height: u16) -> Extent {
+        Extent { length, breadth, height }
+    }
+
+    /// Random boxes in a few containers, and what is known of the belt.
+    fn case(number: u64, slots: usize, upcoming: usize) -> (Grid, Vec<Extent>) {
+        let mut draw = Draw::new(0, number, 0);
+        let mut grid = Grid::new(ContainerSize::new(9, 16, 10, 50).unwrap(), slots).unwrap();
+        let mut side = |most: u64| 1 + draw.below(most) as u16;
+        for id in 0..25 {
+            let spec = BoxSpec::new(id, [side(5), side(8), side(5)].map(|side| u32::from(side) * 50)).unwrap();
+            let mut candidates = Vec::new();
+            corner_candidates(&grid, spec.extent(50), &WalleWeights::PAPER, &mut candidates);
+            if let Some(candidate) = candidates.get(candidates.len() / 2) {
+                grid.place(&spec, candidate.placement).unwrap();
+            }
+        }
+        (grid, (0..=upcoming).map(|_| cells(side(5), side(8), side(5))).collect())
+    }
+
+    fn search(grid: &Grid, extents: &[Extent], widths: &[usize], limit: usize) -> Option<Plan> {
+        let mut plain = Plain(Weights::untrained(Architecture::Moves, &mut Draw::new(0, 1, 0)));
+        let (mut candidates, mut moves, mut asked) = (Vec::new(), Vec::new(), 0);
+        corner_candidates(grid, extents[0], &WalleWeights::PAPER, &mut candidates);
+        describe(grid, extents[0], &candidates, &mut moves);
+        let Ok(values) = plain.values(&moves);
+        let mut is_over = || {
+            asked += 1;
+            asked > limit
+        };
+        let Ok(plan) = plan(grid, extents.to_vec(), &candidates, &values, &mut plain, widths, &mut is_over);
+        plan
+    }
+
+    /// The measure of the best of all plans, by trying every one of them.
+    fn exhaustive(grid: &Grid, extents: &[Extent], weights: &Weights) -> f32 {
+        let Some((&extent, later)) = extents.split_first() else { return 0.0 };
+        let (mut candidates, mut moves) = (Vec::new(), Vec::new());
+        corner_candidates(grid, extent, &WalleWeights::PAPER, &mut candidates);
+        describe(grid, extent, &candidates, &mut moves);
+        let mut best = f32::NEG_INFINITY;
+        for (candidate, features) in candidates.iter().zip(&moves) {
+            let mut after = grid.clone();
+            let is_fresh = !grid.slots()[usize::from(candidate.placement.slot)].is_open();
+            let size_mm = [extent.length, extent.breadth, extent.height].map(|side| u32::from(side) * 50);
+            after.place(&BoxSpec::new(9, size_mm).unwrap(), candidate.placement).unwrap();
+            let cost = if is_fresh { OPENING_COST } else { 0.0 };
+            best = best.max(weights.value_of_move(features) - cost + exhaustive(&after, later, weights));
+        }
+        if candidates.is_empty() { exhaustive(grid, later, weights) - MISFIT_COST } else { best }
+    }
+
+    #[test]
+    fn a_beam_that_is_wide_enough_finds_the_best_of_all_plans() {
+        let weights = Weights::untrained(Architecture::Moves, &mut Draw::new(0, 1, 0));
+        let mut compared = 0;
+        for number in 0..12 {
+            let (grid, extents) = case(number, 2, 1);
+            let Some(plan) = search(&grid, &extents, &[1, 10_000], usize::MAX) else { continue };
+            let best = exhaustive(&grid, &extents, &weights);
+            // Containers opened within a plan do not change how the others are seen, which the definition does.
+            if grid.fresh_slot().is_none() {
+                assert!((plan.measure - best).abs() < 1e-4, "case {number}: {} and not {best}", plan.measure);
+                compared += 1;
+            }
+        }
+        assert!(compared > 3);
+    }
+
+    #[test]
+    fn more_time_never_gives_a_worse_plan() {
+        for number in 0..8 {
+            for upcoming in [1, 2, 4, UPCOMING_MAX] {
+                let (grid, extents) = case(number, 4, upcoming);
+                let plans = (0..400).step_by(7).filter_map(|limit| search(&grid, &extents, &WIDTHS, limit));
+                let plans: Vec<Plan> = plans.chain(search(&grid, &extents, &WIDTHS, usize::MAX)).collect();
+                for pair in plans.windows(2) {
+                    assert!(pair[1].depth >= pair[0].depth && pair[1].width >= pair[0].width);
+                    let comparable = pair[0].depth > 1;
+                    assert!(!comparable || pair[1].measure >= pair[0].measure, "case {number}: {pair:?}");
+                }
+                if let (Some(first), Some(last)) = (plans.first(), plans.last()) {
+                    assert_eq!((first.depth, first.width), (1, 0), "no time is enough for a choice");
+                    assert_eq!(usize::from(last.depth), extents.len());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn without_upcoming_boxes_or_candidates_there_is_nothing_to_plan() {
+        let (grid, extents) = case(1, 4, 0);
+        let plan = search(&grid, &extents, &WIDTHS, usize::MAX).unwrap();
+        assert_eq!((plan.depth, plan.width), (1, 0));
+        assert_eq!(search(&grid, &[cells(1, 1, 11), cells(1, 1, 1)], &WIDTHS, usize::MAX), None);
+    }
+
+    /// The only free level of 9 x 16 takes either the current box and the next, or the current box in its middle.
+    #[test]
+    fn a_plan_keeps_room_for_the_next_box() {
+        let mut grid = Grid::new(ContainerSize::new(9, 16, 10, 50).unwrap(), 1).unwrap();
+        let place = Placement { slot: 0, yaw: Yaw::Deg0, i: 0, j: 0, base: 0 };
+        grid.place(&BoxSpec::new(0, [450, 300, 500]).unwrap(), place).unwrap();
+        let extents = [cells(9, 4, 10), cells(9, 6, 10)];
+        let plan = search(&grid, &extents, &WIDTHS, usize::MAX).unwrap();
+        assert!(plan.measure > -MISFIT_COST / 2.0, "both boxes have a place: {plan:?}");
     }
 }

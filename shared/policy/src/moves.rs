@@ -189,3 +189,128 @@ fn gaps(surface: &Surface, (i, i_end): (usize, usize), (j, j_end): (usize, usize
         mean(right(i), right(i_end - 1), breadth),
     ]
 }
+
+#[cfg(test)]
+mod tests {
+    use packing::{ContainerSize, Yaw};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn extent(length: u16, breadth: u16, height: u16) -> Extent {
+        Extent { length, breadth, height }
+    }
+
+    fn at(i: u16, j: u16, base: u16) -> Placement {
+        Placement { slot: 0, yaw: Yaw::Deg0, i, j, base }
+    }
+
+    /// A 5 x 8 container of height 10 with a 2 x 2 x 4 box in its corner.
+    fn step() -> Surface {
+        let mut surface = Surface::empty(ContainerSize::new(5, 8, 10, 10).unwrap());
+        surface.place(extent(2, 2, 4), 0, 0).unwrap();
+        surface
+    }
+
+    /// A 2 x 1 x 3 box at (0, 2), right of the box: perimeter 6, of which 1 is wall, 2 are higher, 3 at the base.
+    #[test]
+    fn a_move_on_the_floor_by_hand() {
+        let surface = step();
+        let view = ContainerView::of(&surface, 1, 3);
+        assert_eq!(view, ContainerView { rank: 1, open: 3, packed_cells: 16, highest: 4 });
+        let found = features(&surface, &view, extent(2, 1, 3), at(0, 2, 0));
+        let gaps = [0.0, 3.0 / 5.0, 0.0, 5.0 / 8.0];
+        let expected = [
+            1.0 / 6.0,                 // walls
+            2.0 / 6.0,                 // higher than the top
+            0.0,                       // level with it
+            0.0,                       // between
+            3.0 / 6.0,                 // as low as the base
+            0.0,                       // lower
+            (2.0 + 3.0 * 3.0) / 60.0,  // |4 - 3| twice, |0 - 3| three times
+            0.0,                       // depth
+            0.0,                       // base
+            0.3,                       // top
+            1.0,                       // on the floor
+            0.0,                       // not at the limit
+            0.0,                       // 70 % of the height is left
+            2.0 / 4.0,                 // closed above and on the left
+            0.0,                       // not between two closed sides along i
+            0.0,                       // nor along j
+            0.0,                       // no side continues the top
+            0.0,                       // no gap is thin
+            (gaps[1] + gaps[3]) / 4.0, // open gaps
+            0.0,                       // not above the highest box
+            2.0 / 13.0,                // position
+            1.0 / 16.0,                // rank
+            2.0 / 8.0,                 // containers opened since
+            16.0 / 400.0,              // fill
+            2.0 / 5.0 - 1.0 / 8.0,     // direction
+            0.3,                       // the box's height
+            2.0 / 40.0,                // its footprint
+            6.0 / 400.0,               // its volume
+        ];
+        for (k, (found, expected)) in found.iter().zip(expected).enumerate() {
+            let found = found * SPREAD[k];
+            assert!((found - expected).abs() < 1e-6, "feature {k}: {found} and not {expected}");
+        }
+    }
+
+    /// A 2 x 2 x 6 box on top of the other: walls on two sides, the floor 4 below on the others, flush with the limit.
+    #[test]
+    fn a_move_on_top_by_hand() {
+        let surface = step();
+        let found = features(&surface, &ContainerView::of(&surface, 0, 1), extent(2, 2, 6), at(0, 0, 4));
+        let check = |k: usize, expected: f32| {
+            let found = found[k] * SPREAD[k];
+            assert!((found - expected).abs() < 1e-6, "feature {k}: {found} and not {expected}");
+        };
+        check(0, 0.5);
+        check(5, 0.5);
+        check(6, 4.0 * 10.0 / 8.0 / 10.0);
+        check(7, 4.0 * 4.0 / 8.0 / 10.0);
+        check(8, 0.4);
+        check(11, 1.0);
+        check(12, 0.0);
+        check(13, 0.5);
+        check(19, 0.6);
+    }
+
+    /// Beside the box, as high as it: its side is continued; three cells before the wall, a gap is thin.
+    #[test]
+    fn a_continued_side_and_a_thin_gap_by_hand() {
+        let surface = step();
+        let found = features(&surface, &ContainerView::of(&surface, 0, 1), extent(2, 5, 4), at(0, 2, 0));
+        assert!((found[16] * SPREAD[16] - 0.25).abs() < 1e-6);
+        // One cell of eight is left on the right: 1 - (1/8) / 0.25 = 0.5; three of five below are not thin.
+        assert!((found[17] * SPREAD[17] - 0.5 / 4.0).abs() < 1e-6);
+    }
+
+    proptest! {
+        #[test]
+        fn a_finer_grid_gives_the_same_features(
+            drops in prop::collection::vec((1u16..4, 1u16..5, 1u16..4, 0u16..6, 0u16..8), 0..16),
+            next in (1u16..4, 1u16..5, 1u16..4),
+        ) {
+            let mut coarse = Surface::empty(ContainerSize::new(6, 8, 7, 50).unwrap());
+            let mut fine = Surface::empty(ContainerSize::new(30, 40, 35, 10).unwrap());
+            for (l, b, h, i, j) in drops {
+                if coarse.place(extent(l, b, h), i, j).is_ok() {
+                    fine.place(extent(5 * l, 5 * b, 5 * h), 5 * i, 5 * j).unwrap();
+                }
+            }
+            let (turned, wide) = (extent(next.0, next.1, next.2), extent(5 * next.0, 5 * next.1, 5 * next.2));
+            let (a, b) = (ContainerView::of(&coarse, 2, 4), ContainerView::of(&fine, 2, 4));
+            for i in 0..6 {
+                for j in 0..8 {
+                    let Ok(base) = coarse.rest(turned, i, j) else { continue };
+                    let expected = features(&coarse, &a, turned, at(i, j, base));
+                    let found = features(&fine, &b, wide, at(5 * i, 5 * j, 5 * base));
+                    for k in 0..FEATURES {
+                        prop_assert!((found[k] - expected[k]).abs() < 1e-5, "feature {k}: {found:?} {expected:?}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -8,7 +8,7 @@ use packing::{Candidate, Extent, Grid, Heuristic};
 
 use crate::encoding::{Batch, Encoder, Encoding};
 use crate::engine::Engine;
-use crate::lookahead::{self, Plan, UPCOMING_MAX};
+use crate::lookahead::{self, Plan, UPCOMING_MAX, WIDTHS};
 use crate::model::{ContainerOrder, Model, ModelError};
 use crate::moves::{ContainerView, Features, features};
 use crate::network::{MovesNetwork, Network};
@@ -182,7 +182,7 @@ impl Policy {
         let candidates = scorer.container_order.considered(candidates);
         let upcoming = upcoming.iter().take(UPCOMING_MAX);
         let extents = [extent].into_iter().chain(upcoming.copied()).collect();
-        let plan = lookahead::plan(grid, extents, candidates, &values, scorer, is_over)?;
+        let plan = lookahead::plan(grid, extents, candidates, &values, scorer, &WIDTHS, is_over)?;
         Ok(plan.map(|Plan { first, measure, depth, width }| Choice { index: first, value: measure, depth, width }))
     }
 }
@@ -239,7 +239,7 @@ fn finite(values: Option<Vec<f32>>) -> Result<Vec<f32>, NotFinite> {
 }
 
 /// Writes the features of every candidate; candidates of one container stand together.
-fn describe(grid: &Grid, extent: Extent, candidates: &[Candidate], moves: &mut Vec<Features>) {
+pub(crate) fn describe(grid: &Grid, extent: Extent, candidates: &[Candidate], moves: &mut Vec<Features>) {
     moves.clear();
     let open = grid.open_slots().count() as u16;
     let rank = |slot: u16| (0..).zip(grid.open_slots()).find(|&(_, s)| s == slot).map_or(open, |(rank, _)| rank);

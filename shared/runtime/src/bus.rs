@@ -10,6 +10,7 @@
 //!   back-pressure is set to discard besides.
 //! - History is delivered by the *living* publisher, at its next message: [`Publisher::greet_newcomers`].
 //! - Full shared memory kills the process that touches the page: [`Bus::join`] refuses to start without room.
+//! - A timed wait of less than a microsecond waits for ever: [`Bell::wait`] does not sleep then.
 //! - The blackboard pattern stays locked after its writer was killed: it is not used.
 
 use std::fmt::Write as _;
@@ -48,6 +49,9 @@ const JOIN_PAUSE: Duration = Duration::from_millis(20);
 /// Longest sleep on a bell: the safety net under a lost ring, and the beat of whatever is done when idle [ns].
 const SLEEP_NS_MAX: u64 = 50_000_000;
 
+/// Shortest sleep on a bell [ns]; a shorter one does not sleep at all.
+const SLEEP_NS_MIN: u64 = 1_000;
+
 /// Age after which an unfinished service file belongs to nobody alive.
 const UNFINISHED_AGE: Duration = Duration::from_secs(2);
 
@@ -66,7 +70,9 @@ pub enum BusError {
         source: io::Error,
     },
     /// The bus's directory or prefix is no name that iceoryx2 takes.
-    #[error("bus.root_dir {root_dir:?} or bus.prefix {prefix:?} is too long or holds a character that no file name has")]
+    #[error(
+        "bus.root_dir {root_dir:?} or bus.prefix {prefix:?} is too long or holds a character that no file name has"
+    )]
     Name {
         /// As configured.
         root_dir: PathBuf,
@@ -205,6 +211,12 @@ impl Bus {
     #[must_use]
     pub fn role(&self) -> Role {
         self.role
+    }
+
+    /// Whether SIGTERM or SIGINT asked the process to end.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.stop.is_set()
     }
 
     /// Removes what dead processes left on the bus. Takes milliseconds: never while a box waits.
@@ -451,7 +463,11 @@ impl Bell {
         let now = monotonic_ns();
         let sleep_ns = wake_ns.map_or(SLEEP_NS_MAX, |wake| wake.saturating_sub(now).min(SLEEP_NS_MAX));
         // An interrupted sleep is a wake like any other; the flag below says what interrupted it.
-        let _rings = self.listener.timed_wait(|_| (), Duration::from_nanos(sleep_ns));
+        let _rings = if sleep_ns < SLEEP_NS_MIN {
+            self.listener.try_wait(|_| ())
+        } else {
+            self.listener.timed_wait(|_| (), Duration::from_nanos(sleep_ns))
+        };
         Ok(!self.stop.is_set())
     }
 }

@@ -1,9 +1,10 @@
 //! The one configuration file of a cell.
 
+use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use packing::{ClosePolicy, ContainerSize, SizeError};
+use packing::{ClosePolicy, ContainerSize, SizeError, WalleWeights, WeightsError};
 use serde::{Deserialize, Serialize};
 use tracing_subscriber::filter::LevelFilter;
 
@@ -153,14 +154,12 @@ pub enum ConfigError {
         /// As given.
         text: String,
     },
-    /// The file and its overrides name a key or value that does not exist.
-    #[error("the configuration {path} with {overrides} override(s): {message}")]
+    /// An override names a key or value that does not exist.
+    #[error("--set {text}: {message}")]
     Overridden {
-        /// The file.
-        path: PathBuf,
-        /// How many overrides there are.
-        overrides: usize,
-        /// Where and why.
+        /// As given.
+        text: String,
+        /// What is wrong with it.
         message: String,
     },
     /// A value is out of range.
@@ -176,6 +175,9 @@ pub enum ConfigError {
     /// The container is none.
     #[error("section [container]: {0}")]
     Container(#[from] SizeError),
+    /// WallE's weights are none.
+    #[error("candidates.walle_weights: {0}")]
+    Weights(#[from] WeightsError),
     /// The close policy is none.
     #[error("commander.close_policy: {0}")]
     ClosePolicy(String),
@@ -228,20 +230,22 @@ impl Config {
     pub fn load(path: &Path, overrides: &[String]) -> Result<Self, ConfigError> {
         let text = fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.into(), source })?;
         let parse = |error: toml::de::Error| ConfigError::Parse { path: path.into(), message: error.to_string() };
-        let config = if overrides.is_empty() {
-            toml::from_str::<Self>(&text).map_err(parse)?
-        } else {
-            let mut table: toml::Table = toml::from_str(&text).map_err(parse)?;
-            for text in overrides {
-                merge(&mut table, parse_override(text)?);
-            }
-            let message = |error: toml::de::Error| error.to_string();
-            Self::deserialize(table).map_err(message).map_err(|message| ConfigError::Overridden {
-                path: path.into(),
-                overrides: overrides.len(),
-                message,
-            })?
-        };
+        toml::from_str::<Self>(&text).map_err(parse)?.overridden(overrides)
+    }
+
+    /// This configuration with overrides of the form `section.key=value`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] says which key or value is wrong, and what it must be.
+    pub fn overridden(self, overrides: &[String]) -> Result<Self, ConfigError> {
+        let mut config = self;
+        for text in overrides {
+            let invalid =
+                |error: &dyn Display| ConfigError::Overridden { text: text.clone(), message: error.to_string() };
+            let mut table = toml::Table::try_from(&config).map_err(|error| invalid(&error))?;
+            merge(&mut table, parse_override(text)?);
+            config = Self::deserialize(table).map_err(|error| invalid(&error))?;
+        }
         config.check()?;
         Ok(config)
     }
@@ -263,6 +267,14 @@ impl Config {
         Ok(size)
     }
 
+    /// WallE's weights.
+    ///
+    /// # Errors
+    /// [`ConfigError::Weights`].
+    pub fn walle_weights(&self) -> Result<WalleWeights, ConfigError> {
+        Ok(WalleWeights::new(self.candidates.walle_weights)?)
+    }
+
     /// Which container leaves when a box fits nowhere.
     ///
     /// # Errors
@@ -277,7 +289,11 @@ impl Config {
     /// [`ConfigError`] at the first that is not.
     pub fn check(&self) -> Result<(), ConfigError> {
         let in_range = |key, value: u64, range: std::ops::RangeInclusive<u64>, rule| {
-            if range.contains(&value) { Ok(()) } else { Err(ConfigError::Range { key, value: value.to_string(), rule }) }
+            if range.contains(&value) {
+                Ok(())
+            } else {
+                Err(ConfigError::Range { key, value: value.to_string(), rule })
+            }
         };
         self.container_size()?;
         self.close_policy()?;
@@ -290,11 +306,7 @@ impl Config {
         in_range("perception.pace_ms", pace_ms, 0..=3_600_000, "it must be at most an hour")?;
         in_range("perception.motion_ms", motion_ms, 0..=3_600_000, "it must be at most an hour")?;
         in_range("perception.repeat_ms", repeat_ms, 1..=1000, "it must be 1 to 1000 ms")?;
-        if let Some(weight) = self.candidates.walle_weights.iter().find(|w| !w.is_finite() || **w < 0.0) {
-            let rule = "the five weights must be finite and not negative";
-            return Err(ConfigError::Range { key: "candidates.walle_weights", value: weight.to_string(), rule });
-        }
-        Ok(())
+        self.walle_weights().map(drop)
     }
 }
 
@@ -371,7 +383,8 @@ mod tests {
 
     #[test]
     fn overrides_override() {
-        let config = load("[commander]\nhard_deadline_ms = 30\n", &["commander.hard_deadline_ms=31", "scorer.policy=walle"]);
+        let config =
+            load("[commander]\nhard_deadline_ms = 30\n", &["commander.hard_deadline_ms=31", "scorer.policy=walle"]);
         let config = config.unwrap();
         assert_eq!((config.commander.hard_deadline_ms, config.scorer.policy.as_str()), (31, "walle"));
         assert_eq!(config.commander.soft_deadline_ms, 12);
@@ -389,7 +402,7 @@ mod tests {
         refused("", &["commander.close_policy=best"], "never, oldest, fullest");
         refused("", &["container.slots=99"], "a grid has 1 to 64 slots");
         refused("", &["perception.upcoming=9"], "at most 8");
-        refused("", &["candidates.walle_weights=[1.0, nan, 1.0, 1.0, 1.0]"], "must be finite");
+        refused("", &["candidates.walle_weights=[1.0, nan, 1.0, 1.0, 1.0]"], "five numbers of 0 or more");
         refused("[log]\nlevel = \"loud\"\n", &[], "unknown variant `loud`");
         let message = Config::load(Path::new("/nonexistent.toml"), &[]).unwrap_err().to_string();
         assert!(message.starts_with("cannot read the configuration /nonexistent.toml"), "{message}");

@@ -1,2 +1,44 @@
-//! Stub.
-fn main() {}
+//! `packcell`: operates a packing cell.
+#![expect(clippy::print_stdout, reason = "printing is what a tool does")]
+
+mod args;
+mod cell;
+mod demo;
+mod latency;
+mod page;
+mod private_bus;
+mod session;
+mod status;
+mod up;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+/// Operates a packing cell: four processes that answer every box with a placement.
+#[derive(Parser)]
+#[command(version)]
+enum Command {
+    /// Packs one stream of boxes through a cell of its own, and reports how it went
+    Demo(demo::DemoArgs),
+    /// Keeps a cell running until Ctrl-C
+    Up(up::UpArgs),
+    /// Shows what every process of a running cell is doing
+    Status(status::StatusArgs),
+}
+
+fn main() -> ExitCode {
+    let done = match Command::parse() {
+        Command::Demo(args) => demo::run(&args),
+        Command::Up(args) => up::run(&args),
+        Command::Status(args) => status::run(&args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            runtime::init_log(runtime::LogLevel::Error);
+            tracing::error!("{error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,5 +1,7 @@
 //! `packlab train`: learns a model and writes it, with everything needed to do it again.
 
+mod best;
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -7,13 +9,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use packing::{
-    ClosePolicy, ContainerSize, Draw, Environment, Episode, Outcome, Recipe, Split, WalleWeights, corner_candidates,
-};
-use policy::moves::FEATURES;
+use packing::{ClosePolicy, Environment, Outcome, Recipe, Split, WalleWeights, corner_candidates};
 use policy::{
-    Architecture, Card, ContainerOrder, Dqn, DqnConfig, Encoding, Engine, Evolution, HIDDEN_UNITS, Model, Packed,
-    Policy, PolicyKind, Training, Validation, Walls, Weights, load_checkpoint, pack_fast, save_checkpoint,
+    Card, Dqn, DqnConfig, Encoding, Engine, Model, Policy, PolicyKind, Training, Validation, Walls, load_checkpoint,
+    save_checkpoint,
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -83,8 +82,6 @@ const VALIDATION_EPISODES: u64 = 30;
 const FINAL_VALIDATION_EPISODES: u64 = 100;
 /// The seed of the validation episodes, the same for all trainings so that they can be compared.
 const VALIDATION_SEED: u64 = 1;
-/// The draws of the hidden layer's first weights; see also `policy`.
-const HIDDEN_PURPOSE: u64 = 104;
 /// Episodes between two validations, which is also how much a kill can lose.
 const EPISODES_PER_CHECKPOINT: u64 = 100;
 
@@ -119,171 +116,8 @@ impl Data {
 pub(crate) fn run(args: &TrainArgs) -> anyhow::Result<()> {
     match args.recipe {
         Method::Published => published(args),
-        Method::Best => best(args),
+        Method::Best => best::run(args),
     }
-}
-
-/// A policy search in two stages, and where it stands.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Search {
-    /// First the linear part alone, then all numbers.
-    stage: u64,
-    evolution: Evolution,
-    /// Sum of the search's centres over the second half of the stage.
-    sum: Vec<f64>,
-}
-
-/// Points tried in one generation.
-const SAMPLES: usize = 20;
-/// Fresh episodes on which all points of a generation are tried.
-const EPISODES_PER_GENERATION: u64 = 24;
-/// Generations of both stages.
-const GENERATIONS: [u64; 2] = [60, 60];
-/// The first steps of both stages.
-const STEPS: [f64; 2] = [0.3, 0.05];
-
-impl Search {
-    fn new(seed: u64) -> Self {
-        // What packers know: fill niches, go on at the level that is there, start low, and use old containers first.
-        let mut mean = vec![0.0; FEATURES];
-        for (feature, weight) in [(0, 0.2), (1, 0.2), (2, 0.2), (5, -0.2), (8, -0.2), (13, 0.2), (17, -0.2), (21, -0.3)]
-        {
-            mean[feature] = weight;
-        }
-        let sum = vec![0.0; FEATURES];
-        Self { stage: 0, evolution: Evolution::new(mean, STEPS[0], SAMPLES, seed), sum }
-    }
-
-    /// All numbers of the network whose searched numbers these are.
-    fn weights(&self, searched: &[f64]) -> anyhow::Result<Weights> {
-        let mut numbers: Vec<f32> = searched.iter().map(|&number| number as f32).collect();
-        if self.stage == 0 {
-            numbers.push(0.0);
-            let untrained = Weights::untrained(Architecture::Moves, &mut Draw::new(HIDDEN_PURPOSE, 0, 0)).to_numbers();
-            let last = untrained.len() - HIDDEN_UNITS - 1;
-            numbers.extend(&untrained[FEATURES + 1..last]);
-            numbers.resize(untrained.len(), 0.0);
-        }
-        Weights::from_numbers(Architecture::Moves, &numbers).context("a network of another size")
-    }
-
-    fn generation(&self) -> u64 {
-        GENERATIONS.iter().take(self.stage as usize).sum::<u64>() + self.evolution.generation()
-    }
-
-    /// The mean centre of the second half so far, or the centre before it.
-    fn best(&self) -> anyhow::Result<Weights> {
-        let half = GENERATIONS[self.stage as usize] / 2;
-        let count = self.evolution.generation().saturating_sub(half);
-        if count == 0 {
-            return self.weights(self.evolution.mean());
-        }
-        self.weights(&self.sum.iter().map(|sum| sum / count as f64).collect::<Vec<_>>())
-    }
-
-    fn step(&mut self, recipe: &Recipe, containers: usize, seed: u64) -> anyhow::Result<()> {
-        let points = self.evolution.ask();
-        let weights = points.iter().map(|point| self.weights(point)).collect::<anyhow::Result<Vec<_>>>()?;
-        let first = self.generation() * EPISODES_PER_GENERATION;
-        let episodes = (first..first + EPISODES_PER_GENERATION)
-            .map(|index| recipe.episode(Split::Training, seed, index))
-            .collect::<Result<Vec<_>, _>>()?;
-        let trials: Vec<_> = weights.iter().flat_map(|weights| episodes.iter().map(move |e| (weights, e))).collect();
-        let scores: Vec<f64> =
-            trials.par_iter().map(|(weights, episode)| score(weights, episode, containers)).collect();
-        let mean = |scores: &[f64]| scores.iter().sum::<f64>() / scores.len() as f64;
-        let scores: Vec<f64> = scores.chunks_exact(episodes.len()).map(mean).collect();
-        self.evolution.tell(&scores);
-        if self.evolution.generation() > GENERATIONS[self.stage as usize] / 2 {
-            self.sum.iter_mut().zip(self.evolution.mean()).for_each(|(sum, mean)| *sum += mean);
-        }
-        if self.stage == 0 && self.evolution.generation() == GENERATIONS[0] {
-            let start: Vec<f64> = self.best()?.to_numbers().into_iter().map(f64::from).collect();
-            *self = Self {
-                stage: 1,
-                sum: vec![0.0; start.len()],
-                evolution: Evolution::new(start, STEPS[1], SAMPLES, seed + 1),
-            };
-        }
-        Ok(())
-    }
-}
-
-/// What the search maximises: the fill of the first containers, minus containers used over the optimum.
-fn score(weights: &Weights, episode: &Episode, containers: usize) -> f64 {
-    let optimum = episode.optimum.unwrap_or(1);
-    let packed = pack_fast(episode, weights, containers);
-    packed.fill(episode.container, optimum) - packed.containers(episode.container) / f64::from(optimum)
-}
-
-/// The training of the model that ships.
-fn best(args: &TrainArgs) -> anyhow::Result<()> {
-    // On the lattice of the cuts a coarse grid is exact: the same corners, the same features, 25 times fewer cells.
-    let coarse = ContainerSize::new(9, 16, 10, 50)?;
-    let recipe = Recipe { container: coarse, ..args.data.recipe() };
-    let containers = args.data.containers();
-    let header = "generation,step,validation_c,validation_fill\n";
-    let mut progress = Progress::resume(args, "best", header, || Search::new(args.seed))?;
-    let generations =
-        args.episodes.map_or(GENERATIONS.iter().sum(), |episodes| episodes.div_ceil(EPISODES_PER_GENERATION));
-    let clock = Clock::start(args.minutes);
-    let bar = progress_bar(generations, progress.learner.generation())?;
-    while progress.learner.generation() < generations && !clock.is_up() {
-        progress.learner.step(&recipe, containers, args.seed)?;
-        if progress.learner.generation().is_multiple_of(10) {
-            let model = search_model(&progress.learner, args, None)?;
-            let validation = validate_fast(&model, &recipe, args.data, VALIDATION_EPISODES)?;
-            writeln!(
-                progress.curve,
-                "{},{:.5},{:.4},{:.4}",
-                progress.learner.generation(),
-                progress.learner.evolution.step(),
-                validation.competitive_ratio,
-                validation.fill
-            )?;
-            bar.set_message(format!("c {:.3}, fill {:.3}", validation.competitive_ratio, validation.fill));
-        }
-        progress.save(args)?;
-        bar.inc(1);
-    }
-    let model = search_model(&progress.learner, args, None)?;
-    let validation = validate_fast(&model, &recipe, args.data, FINAL_VALIDATION_EPISODES)?;
-    bar.finish_with_message(format!("c {:.3}, fill {:.3}", validation.competitive_ratio, validation.fill));
-    search_model(&progress.learner, args, Some(validation))?.save(&args.out)?;
-    Ok(())
-}
-
-fn search_model(search: &Search, args: &TrainArgs, validation: Option<Validation>) -> anyhow::Result<Model> {
-    let training = Training {
-        recipe: "best".to_owned(),
-        seed: args.seed,
-        data: args.data.name().to_owned(),
-        episodes: search.generation() * EPISODES_PER_GENERATION,
-        git_revision: git_revision(),
-        validation,
-    };
-    let card = Card { encoding: Encoding::Moves, container_order: ContainerOrder::All, training };
-    Ok(Model::new(card, search.best()?)?)
-}
-
-/// Mean figures on validation episodes, played fast.
-fn validate_fast(model: &Model, recipe: &Recipe, data: Data, episodes: u64) -> anyhow::Result<Validation> {
-    let packed = (0..episodes)
-        .into_par_iter()
-        .map(|index| {
-            let episode = recipe.episode(Split::Validation, VALIDATION_SEED, index)?;
-            Ok(pack_fast(&episode, model.weights(), data.containers()))
-        })
-        .collect::<anyhow::Result<Vec<_>>>()?;
-    let mean = |figure: &dyn Fn(&Packed) -> f64| packed.iter().map(figure).sum::<f64>() / packed.len().max(1) as f64;
-    let optimum = recipe.optimum;
-    let used = |packed: &Packed| packed.packed_cells.len() as f64 + f64::from(u32::from(packed.set_aside > 0));
-    Ok(Validation {
-        data: data.name().to_owned(),
-        episodes,
-        competitive_ratio: mean(&|packed| used(packed) / f64::from(optimum)),
-        fill: mean(&|packed| packed.fill(recipe.container, optimum)),
-    })
 }
 
 /// What is kept between two runs of one training.

@@ -1,0 +1,192 @@
+//! Starting, watching and ending real cells.
+
+use std::fs;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// How long anything may take before a test gives up. Nothing is measured by it.
+const WATCHDOG: Duration = Duration::from_secs(120);
+
+/// The repository.
+pub(crate) fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+/// A program of this workspace, built by the command that built this test.
+pub(crate) fn program(name: &str) -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    let path = test.ancestors().nth(2).unwrap().join(name);
+    assert!(path.exists(), "{} is missing: run the tests with 'cargo test --release --workspace'", path.display());
+    path
+}
+
+/// Waits until `condition` gives something.
+#[track_caller]
+#[expect(clippy::disallowed_methods, reason = "a watchdog is no measurement")]
+pub(crate) fn wait_until<T>(what: &str, mut condition: impl FnMut() -> Option<T>) -> T {
+    let end = Instant::now() + WATCHDOG;
+    loop {
+        if let Some(value) = condition() {
+            return value;
+        }
+        assert!(Instant::now() < end, "waited in vain until {what}");
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// What `packcell demo` did.
+pub(crate) struct Demo {
+    pub(crate) pid: u32,
+    pub(crate) output: Output,
+    pub(crate) json: Option<Value>,
+}
+
+impl Demo {
+    /// Runs `packcell demo` with these arguments to its end.
+    pub(crate) fn run(args: &[&str]) -> Self {
+        Self::begin(args).finish()
+    }
+
+    /// Starts `packcell demo` with these arguments.
+    pub(crate) fn begin(args: &[&str]) -> RunningDemo {
+        let dir = tempfile::tempdir().unwrap();
+        let mut command = Command::new(program("packcell"));
+        command.arg("demo").args(args).arg("--json").arg(dir.path().join("figures.json"));
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).stdin(Stdio::null());
+        RunningDemo { child: command.spawn().unwrap(), dir }
+    }
+
+    /// The figures of a demo that went well.
+    #[track_caller]
+    pub(crate) fn figures(&self) -> &Value {
+        assert!(self.output.status.success(), "{}", self.stderr());
+        self.json.as_ref().expect("a demo that succeeds writes its figures")
+    }
+
+    /// One number of the figures.
+    #[track_caller]
+    pub(crate) fn number(&self, pointer: &str) -> f64 {
+        self.figures().pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number at {pointer}"))
+    }
+
+    pub(crate) fn stderr(&self) -> String {
+        String::from_utf8_lossy(&self.output.stderr).into_owned()
+    }
+
+    /// Whatever a demo does, it leaves nothing behind.
+    #[track_caller]
+    pub(crate) fn assert_nothing_is_left(&self) {
+        assert_eq!(leftovers(&format!("pc{}_", self.pid)), [] as [String; 0]);
+        assert_eq!(leftovers(&format!("packcell-private-{}", self.pid)), [] as [String; 0]);
+    }
+}
+
+/// A demo that is not over.
+pub(crate) struct RunningDemo {
+    pub(crate) child: Child,
+    dir: TempDir,
+}
+
+impl RunningDemo {
+    /// Waits for its end.
+    pub(crate) fn finish(self) -> Demo {
+        let pid = self.child.id();
+        let output = self.child.wait_with_output().unwrap();
+        let json = fs::read(self.dir.path().join("figures.json")).ok();
+        let json = json.map(|bytes| serde_json::from_slice(&bytes).expect("figures are JSON"));
+        Demo { pid, output, json }
+    }
+}
+
+/// Entries of shared memory whose names begin with `prefix`.
+pub(crate) fn leftovers(prefix: &str) -> Vec<String> {
+    let names = fs::read_dir("/dev/shm").unwrap().flatten().map(|entry| entry.file_name().into_string().unwrap());
+    names.filter(|name| name.starts_with(prefix)).collect()
+}
+
+/// Sends a signal to a process.
+pub(crate) fn signal(pid: u32, signal: Signal) {
+    rustix::process::kill_process(Pid::from_raw(pid.cast_signed()).unwrap(), signal).unwrap();
+}
+
+/// The processes that `parent` started.
+pub(crate) fn children_of(parent: u32) -> Vec<u32> {
+    let stat_of = |pid: u32| fs::read_to_string(format!("/proc/{pid}/stat")).ok();
+    let parent_of = |stat: &str| stat.rsplit_once(')')?.1.split_whitespace().nth(1)?.parse::<u32>().ok();
+    let pids = fs::read_dir("/proc").unwrap().flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    pids.filter(|&pid| stat_of(pid).as_deref().and_then(parent_of) == Some(parent)).collect()
+}
+
+/// A cell that `packcell up` keeps running on a bus of its own. Dropping it kills it.
+pub(crate) struct UpCell {
+    pub(crate) child: Child,
+    pub(crate) prefix: String,
+    root_dir: String,
+}
+
+impl UpCell {
+    /// Starts a cell on the bus called `name`.
+    pub(crate) fn start(name: &str, args: &[&str]) -> Self {
+        let prefix = format!("pctest{}{name}_", std::process::id());
+        let root_dir = format!("/dev/shm/pctest{}{name}", std::process::id());
+        let mut command = Command::new(program("packcell"));
+        command.arg("up").args(args).args(bus_args(&root_dir, &prefix));
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).stdin(Stdio::null());
+        Self { child: command.spawn().unwrap(), prefix, root_dir }
+    }
+
+    /// The arguments by which other programs reach its bus.
+    pub(crate) fn bus_args(&self) -> Vec<String> {
+        bus_args(&self.root_dir, &self.prefix)
+    }
+
+    /// The configuration that its services run with.
+    pub(crate) fn config_file(&self) -> PathBuf {
+        Path::new(&self.root_dir).join("cell.toml")
+    }
+
+    /// What `packcell status` prints once all four processes speak.
+    pub(crate) fn await_status(&self) -> String {
+        wait_until("the cell runs", || {
+            let status = Command::new(program("packcell")).arg("status").args(self.bus_args()).output().unwrap();
+            let text = String::from_utf8(status.stdout).unwrap();
+            let all = ["perception", "candidates", "scorer", "commander"].iter().all(|name| text.contains(name));
+            (status.status.success() && all && !text.contains("no ")).then_some(text)
+        })
+    }
+
+    /// Stops it with a signal; its exit code and what it said.
+    pub(crate) fn stop_with(&mut self, how: Signal) -> (Option<i32>, String) {
+        signal(self.child.id(), how);
+        let status = self.child.wait().unwrap();
+        let mut said = String::new();
+        self.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+        (status.code(), said)
+    }
+
+    /// What is left of it in shared memory.
+    pub(crate) fn leftovers(&self) -> Vec<String> {
+        let mut left = leftovers(&self.prefix);
+        left.extend(leftovers(self.root_dir.trim_start_matches("/dev/shm/")));
+        left
+    }
+}
+
+impl Drop for UpCell {
+    fn drop(&mut self) {
+        if self.child.try_wait().unwrap().is_none() {
+            let _the_test_has_failed_already = self.child.kill();
+        }
+    }
+}
+
+fn bus_args(root_dir: &str, prefix: &str) -> Vec<String> {
+    ["--set".to_owned(), format!("bus.root_dir={root_dir}"), "--set".to_owned(), format!("bus.prefix={prefix}")].into()
+}

@@ -1,0 +1,87 @@
+//! The settings of a cell that a person gives on a command line.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use dataset::{DataSet, Named, ReadOptions};
+use packing::Split;
+use runtime::Config;
+
+/// What a cell packs, and how.
+#[derive(Debug, clap::Args)]
+pub(crate) struct CellArgs {
+    /// Configuration file; without it, the documented defaults
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Boxes to pack: an episode file (.json or .csv), or the name of a data set: standard, cut-order, fine,
+    /// small-boxes, three, balanced
+    #[arg(long, value_name = "FILE|NAME")]
+    data: Option<String>,
+    /// Seed of a generated stream
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Interval between two boxes, in milliseconds; 0 for as fast as the cell decides
+    #[arg(long, value_name = "MS")]
+    pace: Option<u64>,
+    /// Containers open at one time
+    #[arg(long, value_name = "N")]
+    open: Option<usize>,
+    /// The scorer's policy
+    #[arg(long, value_name = "NAME")]
+    policy: Option<String>,
+    /// The policy's model file; without it, the built-in model
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Overrides one key of the configuration, for example --set commander.hard_deadline_ms=30
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    overrides: Vec<String>,
+}
+
+impl CellArgs {
+    /// The configuration that the file and the flags make.
+    pub(crate) fn config(&self) -> anyhow::Result<Config> {
+        let mut config = match &self.config {
+            Some(path) => Config::load(path, &self.overrides)?,
+            None => Config::default().overridden(&self.overrides)?,
+        };
+        if let Some(data) = &self.data {
+            config.perception.stream = if Path::new(data).extension().is_some() {
+                let path = std::path::absolute(data).with_context(|| format!("--data {data}"))?;
+                path.to_str().with_context(|| format!("--data {data}: its path is not UTF-8"))?.to_owned()
+            } else {
+                data.clone()
+            };
+        }
+        if let Some(model) = &self.model {
+            config.scorer.model = std::path::absolute(model).context("--model")?;
+        }
+        config.perception.seed = self.seed.unwrap_or(config.perception.seed);
+        config.perception.pace_ms = self.pace.unwrap_or(config.perception.pace_ms);
+        config.container.slots = self.open.unwrap_or(config.container.slots);
+        config.scorer.policy = self.policy.clone().unwrap_or(config.scorer.policy);
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Whether a pace was asked for.
+    pub(crate) fn names_pace(&self) -> bool {
+        self.pace.is_some() || self.config.is_some() || !self.overrides.is_empty()
+    }
+}
+
+/// The boxes that a cell of this configuration will see first: all episodes of a file, or one generated episode.
+/// The container of a file becomes the cell's.
+pub(crate) fn expected_boxes(config: &mut Config) -> anyhow::Result<DataSet> {
+    let stream = config.perception.stream.clone();
+    let size = config.container_size()?;
+    let set = if Path::new(&stream).extension().is_some() {
+        dataset::read(Path::new(&stream), &ReadOptions { container: size, skip_bad: false })?
+    } else {
+        Named::find(&stream)?.generate(Split::Live, config.perception.seed, 1)?
+    };
+    let container = &mut config.container;
+    (container.length_cells, container.breadth_cells) = (set.container.length(), set.container.breadth());
+    (container.height_cells, container.cell_mm) = (set.container.height(), set.container.cell_mm());
+    config.check()?;
+    Ok(set)
+}
