@@ -261,9 +261,9 @@ pub(crate) fn best(values: &[f32]) -> Result<Option<Choice>, NotFinite> {
     if let Some(candidate) = values.iter().position(|value| !value.is_finite()) {
         return Err(NotFinite { candidate });
     }
-    let better = |best: Option<Choice>, (index, &value): (usize, &f32)| match best {
-        Some(choice) if choice.value >= value => best,
-        _ => Some(Choice::greedy(index, value)),
+    let better = |best: Option<Choice>, (index, &value): (usize, &f32)| {
+        let kept = best.filter(|choice| choice.value >= value);
+        kept.or(Some(Choice::greedy(index, value)))
     };
     Ok(values.iter().enumerate().fold(None, better))
 }

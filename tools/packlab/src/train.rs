@@ -41,6 +41,9 @@ pub(crate) struct TrainArgs {
     /// The model file to write.
     #[arg(long)]
     out: PathBuf,
+    /// Validation episodes for the model's record.
+    #[arg(long, default_value_t = 100)]
+    validation_episodes: u64,
     /// A CSV file for the learning curve.
     #[arg(long)]
     curve: Option<PathBuf>,
@@ -78,8 +81,6 @@ enum Wall {
 
 /// Validation episodes played between trainings.
 const VALIDATION_EPISODES: u64 = 30;
-/// Validation episodes played at the end, for the model's card.
-const FINAL_VALIDATION_EPISODES: u64 = 100;
 /// The seed of the validation episodes, the same for all trainings so that they can be compared.
 const VALIDATION_SEED: u64 = 1;
 /// Episodes between two validations, which is also how much a kill can lose.
@@ -203,7 +204,7 @@ fn published(args: &TrainArgs) -> anyhow::Result<()> {
     }
     progress.save(args)?;
     let untested = dqn_model(&progress.learner, args, None)?;
-    let validation = validate(&untested, args.data, FINAL_VALIDATION_EPISODES)?;
+    let validation = validate(&untested, args.data, args.validation_episodes)?;
     bar.finish_with_message(format!("c {:.3}, fill {:.3}", validation.competitive_ratio, validation.fill));
     dqn_model(&progress.learner, args, Some(validation))?.save(&args.out)?;
     Ok(())
@@ -299,4 +300,53 @@ fn git_revision() -> String {
     let revision = output.ok().filter(|output| output.status.success());
     let revision = revision.and_then(|output| String::from_utf8(output.stdout).ok());
     revision.map_or_else(|| "unknown".to_owned(), |revision| revision.trim().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        train: TrainArgs,
+    }
+
+    fn train(out: &Path, more: &[&str]) -> anyhow::Result<Model> {
+        let out_flag = out.display().to_string();
+        let flags = ["train", "--data", "three", "--validation-episodes", "2", "--out", &out_flag];
+        run(&Cli::try_parse_from(flags.iter().chain(more))?.train)?;
+        Ok(Model::load(out)?)
+    }
+
+    #[test]
+    fn a_training_that_was_stopped_gives_the_model_of_one_that_was_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for recipe in ["published", "best"] {
+            let (few, more) = if recipe == "best" { ("24", "48") } else { ("2", "4") };
+            let whole = train(&path("whole.safetensors"), &["--recipe", recipe, "--episodes", more]).unwrap();
+            let stopped = path("stopped.safetensors");
+            let first = train(&stopped, &["--recipe", recipe, "--episodes", few]).unwrap();
+            let resumed = train(&stopped, &["--recipe", recipe, "--episodes", more]).unwrap();
+            assert_ne!(first.weights(), resumed.weights());
+            assert_eq!(resumed, whole);
+            let error = train(&stopped, &["--recipe", recipe, "--seed", "2"]).unwrap_err().to_string();
+            assert!(error.contains("belongs to recipe") && error.contains("--out"), "{error}");
+            std::fs::remove_file(checkpoint_path(&path("whole.safetensors"))).unwrap();
+            std::fs::remove_file(checkpoint_path(&stopped)).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_damaged_checkpoint_is_not_continued_from() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("model.safetensors");
+        std::fs::write(checkpoint_path(&out), b"packcell checkpoint 1\nand half of it").unwrap();
+        let error = train(&out, &["--episodes", "1"]).unwrap_err();
+        assert!(format!("{error:#}").contains("damaged or cut short"), "{error:#}");
+        assert!(!out.exists());
+    }
 }

@@ -15,10 +15,7 @@ use policy::{
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    Clock, Data, FINAL_VALIDATION_EPISODES, Progress, TrainArgs, VALIDATION_EPISODES, VALIDATION_SEED, git_revision,
-    progress_bar,
-};
+use super::{Clock, Data, Progress, TrainArgs, VALIDATION_EPISODES, VALIDATION_SEED, git_revision, progress_bar};
 
 /// A part of the search.
 struct Stage {
@@ -172,7 +169,7 @@ pub(super) fn run(args: &TrainArgs) -> anyhow::Result<()> {
         bar.inc(1);
     }
     let model = search_model(&progress.learner, args, None)?;
-    let validation = validate_fast(&model, &recipe, args.data, FINAL_VALIDATION_EPISODES)?;
+    let validation = validate_fast(&model, &recipe, args.data, args.validation_episodes)?;
     bar.finish_with_message(format!("c {:.3}, fill {:.3}", validation.competitive_ratio, validation.fill));
     search_model(&progress.learner, args, Some(validation))?.save(&args.out)?;
     Ok(())
