@@ -77,13 +77,19 @@ impl Scorer {
         }
     }
 
-    /// The policy's answer to a set; nothing if the set is empty, or if set and belief are not of one revision.
-    pub fn decide(&mut self, set: &CandidateSet, belief: &Belief) -> Option<Verdict> {
+    /// The policy's answer to a set; nothing if the set is empty, or if set and belief are not of one revision. A
+    /// policy that plans gives its best so far once `is_over` says so.
+    pub fn decide(
+        &mut self,
+        set: &CandidateSet,
+        belief: &Belief,
+        is_over: &mut dyn FnMut() -> bool,
+    ) -> Option<Verdict> {
         if set.revision != belief.revision {
             self.tally.pass_over();
             return None;
         }
-        match self.try_decide(set, belief) {
+        match self.try_decide(set, belief, is_over) {
             Ok(verdict) => {
                 self.tally.handle(set.current.id);
                 verdict
@@ -95,7 +101,12 @@ impl Scorer {
         }
     }
 
-    fn try_decide(&mut self, set: &CandidateSet, belief: &Belief) -> Result<Option<Verdict>, Refusal> {
+    fn try_decide(
+        &mut self,
+        set: &CandidateSet,
+        belief: &Belief,
+        is_over: &mut dyn FnMut() -> bool,
+    ) -> Result<Option<Verdict>, Refusal> {
         let spec = set.spec()?;
         set.read_candidates(&mut self.candidates)?;
         let grid = self.grid.follow(belief)?;
@@ -108,7 +119,8 @@ impl Scorer {
         for wire in set.known_upcoming()? {
             self.upcoming.push(extent_of(wire)?);
         }
-        let choice = self.policy.choose(grid, spec.extent(cell_mm), &self.upcoming, &self.candidates)?;
+        let extent = spec.extent(cell_mm);
+        let choice = self.policy.choose_within(grid, extent, &self.upcoming, &self.candidates, is_over)?;
         Ok(choice.map(|choice| Verdict {
             box_id: spec.id(),
             revision: set.revision,
@@ -118,7 +130,7 @@ impl Scorer {
             instance: self.instance,
             best: choice.index as u32,
             value: choice.value,
-            depth: choice.depth.into(),
+            depth: u32::from(choice.depth),
         }))
     }
 
@@ -172,7 +184,7 @@ mod tests {
     #[test]
     fn a_set_is_answered_with_the_policys_choice() {
         let (belief, set, candidates) = question();
-        let verdict = scorer().decide(&set, &belief).unwrap();
+        let verdict = scorer().decide(&set, &belief, &mut || false).unwrap();
         let best = Heuristic::walle_choice(&candidates).unwrap();
         assert_eq!((verdict.box_id, verdict.instance, verdict.best), (5, 1, best as u32));
         assert_eq!(verdict.set_digest, set.digest);
@@ -183,16 +195,16 @@ mod tests {
         let mut scorer = scorer();
         let (belief, mut set, _) = question();
         set.revision = 1;
-        assert_eq!(scorer.decide(&set, &belief), None);
+        assert_eq!(scorer.decide(&set, &belief, &mut || false), None);
         let (_, mut set, mut candidates) = question();
         set.write_candidates(&[]);
-        assert_eq!(scorer.decide(&set, &belief), None);
+        assert_eq!(scorer.decide(&set, &belief, &mut || false), None);
         assert_eq!((scorer.tally().counters.stale, scorer.tally().counters.refused), (1, 0));
         candidates[0].placement.slot = 2;
         set.write_candidates(&candidates);
-        assert_eq!(scorer.decide(&set, &belief), None);
+        assert_eq!(scorer.decide(&set, &belief, &mut || false), None);
         set.count = 9999;
-        assert_eq!(scorer.decide(&set, &belief), None);
+        assert_eq!(scorer.decide(&set, &belief, &mut || false), None);
         assert_eq!(scorer.tally().counters.refused, 2);
     }
 

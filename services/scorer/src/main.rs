@@ -27,6 +27,7 @@ fn main() -> anyhow::Result<()> {
     let config = args.service.load()?;
     let (policy, detail) = load_policy(&config.scorer)?;
     let mut scorer = Scorer::new(policy, parse_instance(&args.instance)?);
+    let think_ns = config.scorer.think_us * 1000;
     scorer.warm_up(config.container_size()?, config.container.slots);
 
     let bus = Bus::join(&config.bus, Role::Scorer)?;
@@ -42,7 +43,7 @@ fn main() -> anyhow::Result<()> {
         if sets.refresh()? {
             beliefs.refresh()?;
             if let (Some(set), Some(belief)) = (sets.get(), beliefs.get())
-                && let Some(verdict) = scorer.decide(set, belief)
+                && let Some(verdict) = scorer.decide(set, belief, &mut || monotonic_ns() >= received_ns + think_ns)
             {
                 decisions.publish(verdict.observed_ns(), |decision| verdict.write(decision, received_ns))?;
             }
@@ -57,15 +58,11 @@ fn main() -> anyhow::Result<()> {
 fn load_policy(config: &ScorerConfig) -> anyhow::Result<(Policy, String)> {
     let kind: PolicyKind = config.policy.parse().context("scorer.policy")?;
     let engine: Engine = config.engine.parse().context("scorer.engine")?;
-    let model = if kind == PolicyKind::Walle || config.model.as_os_str().is_empty() {
-        kind.built_in_model()
-    } else {
-        Model::load(&config.model).map(Some)
-    };
-    let policy = Policy::new(kind, engine, model.context("scorer.model")?.as_ref())?;
-    if kind == PolicyKind::Walle {
-        return Ok((policy, kind.to_string()));
-    }
+    let file = &config.model;
+    let is_built_in = file.as_os_str().is_empty() || kind == PolicyKind::Walle;
+    let model =
+        if is_built_in { kind.built_in_model() } else { Model::load(file).map(Some) }.context("scorer.model")?;
+    let policy = Policy::new(kind, engine, model.as_ref())?;
     let detail = format!("{kind} {:016x} on {engine}", policy.fingerprint());
     Ok((policy, detail))
 }

@@ -29,7 +29,7 @@ pub struct Decision {
     pub best: u32,
     /// What the policy thinks it worth, finite; comparable only between decisions of one model.
     pub value: f32,
-    /// Upcoming boxes that the policy looked at.
+    /// Boxes the choice was planned for, the current one included.
     pub depth: u32,
 }
 

@@ -13,7 +13,6 @@
 //! - A timed wait of less than a microsecond waits for ever: [`Bell::wait`] does not sleep then.
 //! - The blackboard pattern stays locked after its writer was killed: it is not used.
 
-use std::fmt::Write as _;
 use std::fs;
 use std::io;
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
@@ -190,10 +189,11 @@ impl Bus {
     pub fn join(config: &BusConfig, role: Role) -> Result<Self, BusError> {
         set_log_level(LogLevel::Fatal);
         let root_dir = config.root_dir.clone();
+        let settings = iceoryx_settings(config)?;
         let unusable = |source| BusError::RootDir { path: root_dir.clone(), source };
         fs::DirBuilder::new().recursive(true).mode(0o700).create(&root_dir).map_err(unusable)?;
         check_shared_memory()?;
-        let iceoryx = iceoryx_config(config)?;
+        let iceoryx = iceoryx_config(&root_dir, &settings)?;
         let stop = StopSignal::catch().map_err(BusError::Signals)?;
         let builder = NodeBuilder::new().config(&iceoryx).signal_handling_mode(SignalHandlingMode::Disabled);
         let node = builder.create::<ipc::Service>().map_err(|error| BusError::Iceoryx {
@@ -472,33 +472,34 @@ impl Bell {
     }
 }
 
-/// Writes the bus's iceoryx2 configuration beside it, so that other iceoryx2 programs can use it too, and makes it
-/// this process's own.
-fn iceoryx_config(config: &BusConfig) -> Result<IceoryxConfig, BusError> {
+/// The bus as iceoryx2 is to see it, in its own words.
+fn iceoryx_settings(config: &BusConfig) -> Result<String, BusError> {
     let BusConfig { root_dir, prefix } = config;
-    let misnamed = || BusError::Name { root_dir: root_dir.clone(), prefix: prefix.clone() };
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-".contains(c);
-    let root = root_dir.to_str().filter(|root| root.starts_with('/') && root.len() <= 80).ok_or_else(misnamed)?;
-    let plain = root.chars().all(is_plain) && prefix.chars().all(|c| is_plain(c) && c != '/');
-    if !plain || prefix.is_empty() || prefix.len() > 32 {
-        return Err(misnamed());
-    }
-    let mut text = String::from("# Written by packcell: how iceoryx2 programs reach this bus.\n[global]\n");
-    let _writing_to_a_string_cannot_fail = write!(
-        text,
-        "root-path = \"{}/\"\nprefix = \"{prefix}\"\n[global.creation-timeout]\nsecs = 1\nnanos = 0\n",
-        root.trim_end_matches('/')
-    );
+    let is_root = |root: &&str| root.starts_with('/') && root.len() <= 80 && root.chars().all(is_plain);
+    let is_prefix = (1..=32).contains(&prefix.len()) && prefix.chars().all(|c| is_plain(c) && c != '/');
+    let misnamed = || BusError::Name { root_dir: root_dir.clone(), prefix: prefix.clone() };
+    let root = root_dir.to_str().filter(is_root).filter(|_| is_prefix).ok_or_else(misnamed)?.trim_end_matches('/');
+    Ok(format!(
+        "# Written by packcell: how iceoryx2 programs reach this bus.\n\
+         [global]\nroot-path = \"{root}/\"\nprefix = \"{prefix}\"\n\
+         [global.creation-timeout]\nsecs = 1\nnanos = 0\n"
+    ))
+}
+
+/// Writes the settings beside the bus, so that other iceoryx2 programs can use them too, and makes them this
+/// process's own.
+fn iceoryx_config(root_dir: &Path, settings: &str) -> Result<IceoryxConfig, BusError> {
     let path = root_dir.join("iceoryx2.toml");
-    let unusable = |source| BusError::RootDir { path: root_dir.clone(), source };
-    if fs::read_to_string(&path).ok().as_deref() != Some(&text) {
+    let unusable = |source| BusError::RootDir { path: root_dir.into(), source };
+    if fs::read_to_string(&path).ok().as_deref() != Some(settings) {
         let unfinished = root_dir.join(format!("iceoryx2.toml.{}", std::process::id()));
-        fs::write(&unfinished, text).and_then(|()| fs::rename(&unfinished, &path)).map_err(unusable)?;
+        fs::write(&unfinished, settings).and_then(|()| fs::rename(&unfinished, &path)).map_err(unusable)?;
     }
-    let file = path.to_str().and_then(|path| FilePath::new(path.as_bytes()).ok()).ok_or_else(misnamed)?;
-    let invalid = |error| unusable(io::Error::other(format!("{}: {error:?}", path.display())));
-    IceoryxConfig::setup_global_config_from_file(&file).map_err(invalid)?;
-    IceoryxConfig::from_file(&file).map_err(invalid)
+    let invalid = |reason: &dyn std::fmt::Debug| unusable(io::Error::other(format!("{}: {reason:?}", path.display())));
+    let file = FilePath::new(path.as_os_str().as_encoded_bytes()).map_err(|error| invalid(&error))?;
+    IceoryxConfig::setup_global_config_from_file(&file).map_err(|error| invalid(&error))?;
+    IceoryxConfig::from_file(&file).map_err(|error| invalid(&error))
 }
 
 fn check_shared_memory() -> Result<(), BusError> {
@@ -546,7 +547,7 @@ mod tests {
     fn names_that_no_bus_has_are_refused() {
         for (root_dir, prefix) in [("relative", "x_"), ("/tmp/a b", "x_"), ("/tmp/a", ""), ("/tmp/a", "a/b")] {
             let config = BusConfig { root_dir: root_dir.into(), prefix: prefix.to_owned() };
-            assert!(matches!(iceoryx_config(&config), Err(BusError::Name { .. })), "{root_dir} {prefix}");
+            assert!(matches!(iceoryx_settings(&config), Err(BusError::Name { .. })), "{root_dir} {prefix}");
         }
     }
 

@@ -92,6 +92,8 @@ pub struct ScorerConfig {
     pub model: PathBuf,
     /// What computes the network.
     pub engine: String,
+    /// How long a policy that plans may think about one box [us].
+    pub think_us: u64,
 }
 
 /// The commander.
@@ -212,7 +214,8 @@ impl Default for CandidatesConfig {
 
 impl Default for ScorerConfig {
     fn default() -> Self {
-        Self { policy: "packman".into(), model: PathBuf::new(), engine: "burn-flex".into() }
+        let (policy, engine) = ("packman-lookahead".into(), "burn-flex".into());
+        Self { policy, model: PathBuf::new(), engine, think_us: 2000 }
     }
 }
 
@@ -301,6 +304,8 @@ impl Config {
         in_range("commander.hard_deadline_ms", hard_deadline_ms, 1..=1000, "it must be 1 to 1000 ms")?;
         let rule = "it must not be later than commander.hard_deadline_ms";
         in_range("commander.soft_deadline_ms", soft_deadline_ms, 0..=hard_deadline_ms, rule)?;
+        let rule = "it must be at most 10 ms, a quarter of the budget";
+        in_range("scorer.think_us", self.scorer.think_us, 0..=10_000, rule)?;
         let PerceptionConfig { pace_ms, motion_ms, repeat_ms, upcoming, .. } = self.perception;
         in_range("perception.upcoming", upcoming as u64, 0..=8, "at most 8 upcoming boxes can be known")?;
         in_range("perception.pace_ms", pace_ms, 0..=3_600_000, "it must be at most an hour")?;

@@ -13,9 +13,7 @@ pub(crate) struct CellArgs {
     /// Configuration file; without it, the documented defaults
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Boxes to pack: an episode file (.json or .csv), or the name of a data set: standard, cut-order, fine,
-    /// small-boxes, three, balanced
-    #[arg(long, value_name = "FILE|NAME")]
+    #[arg(long, value_name = "FILE|NAME", help = data_help())]
     data: Option<String>,
     /// Seed of a generated stream
     #[arg(long, value_name = "N")]
@@ -57,7 +55,8 @@ impl CellArgs {
         }
         config.perception.seed = self.seed.unwrap_or(config.perception.seed);
         config.perception.pace_ms = self.pace.unwrap_or(config.perception.pace_ms);
-        config.container.slots = self.open.unwrap_or(config.container.slots);
+        let named_slots = self.data.as_deref().and_then(|name| Named::find(name).ok()).map(|named| named.slots);
+        config.container.slots = self.open.or(named_slots).unwrap_or(config.container.slots);
         config.scorer.policy = self.policy.clone().unwrap_or(config.scorer.policy);
         config.check()?;
         Ok(config)
@@ -65,8 +64,14 @@ impl CellArgs {
 
     /// Whether a pace was asked for.
     pub(crate) fn names_pace(&self) -> bool {
-        self.pace.is_some() || self.config.is_some() || !self.overrides.is_empty()
+        let overrides_pace = self.overrides.iter().any(|text| text.starts_with("perception.pace_ms"));
+        self.pace.is_some() || self.config.is_some() || overrides_pace
     }
+}
+
+fn data_help() -> String {
+    let names: Vec<&str> = dataset::NAMED.iter().map(|named| named.name).collect();
+    format!("Boxes to pack: an episode file (.json or .csv), or the name of a data set: {}", names.join(", "))
 }
 
 /// The boxes that a cell of this configuration will see first: all episodes of a file, or one generated episode.

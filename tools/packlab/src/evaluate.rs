@@ -23,7 +23,7 @@ pub(crate) struct EvaluateArgs {
     /// Data sets: names (standard, cut-order, fine, small-boxes, three, balanced, ten) or .json and .csv files.
     #[arg(long, value_name = "NAME|FILE", value_delimiter = ',', num_args = 1.., default_value = "standard")]
     data: Vec<String>,
-    /// Methods: first-fit, floor, column, walle, walle-corners, harmonic, random, packman. With "/all-open" or
+    /// Methods: first-fit, floor, column, walle, walle-corners, harmonic, random, packman-published, packman, packman-lookahead. With "/all-open" or
     /// "/first-that-fits" behind it, a method goes through the containers in that order; "packman:FILE" takes a
     /// model of yours.
     #[arg(long, value_name = "A,B", value_delimiter = ',', num_args = 1.., default_value = Method::DEFAULT)]

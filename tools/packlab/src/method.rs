@@ -45,7 +45,8 @@ pub(crate) struct Settings {
 
 impl Method {
     /// The methods that are compared unless told otherwise.
-    pub(crate) const DEFAULT: &'static str = "first-fit,floor,column,walle,walle-corners,harmonic,packman";
+    pub(crate) const DEFAULT: &'static str =
+        "first-fit,floor,column,walle,walle-corners,harmonic,packman-published,packman";
 
     /// The method called `name`: `method`, `method/container-order` or, for those with a network, `method:file`.
     pub(crate) fn parse(name: &str, settings: &Settings) -> anyhow::Result<Self> {
@@ -112,17 +113,21 @@ fn split(name: &str, mark: char) -> (&str, Option<&str>) {
     name.split_once(mark).map_or((name, None), |(before, behind)| (before, Some(behind)))
 }
 
-/// The model in a file, or the one that ships.
+/// The model in a file, or the one that ships, if it is one for this kind.
 fn load(kind: PolicyKind, file: Option<&str>) -> anyhow::Result<Arc<Model>> {
-    let model = file.map_or_else(|| kind.built_in_model(), |file| Model::load(Path::new(file)).map(Some));
-    let model = model.context("the model cannot be used")?;
-    model.map(Arc::new).with_context(|| format!("{kind} has no network"))
+    let model = match file {
+        Some(file) => Some(Model::load(Path::new(file))?),
+        None => kind.built_in_model()?,
+    };
+    Policy::new(kind, Engine::default(), model.as_ref())?;
+    model.map(Arc::new).with_context(|| format!("no model ships for {kind}"))
 }
 
 fn unknown(name: &str) -> anyhow::Error {
     let heuristics = Heuristic::NAMES.join(", ");
     let networks: Vec<_> = PolicyKind::NAMES.into_iter().filter(|name| !Heuristic::NAMES.contains(name)).collect();
-    anyhow::anyhow!("there is no policy {name:?}: use {heuristics}, harmonic, random or {}", networks.join(", "))
+    let networks = networks.join(", ");
+    anyhow::anyhow!("there is no policy {name:?}: use {heuristics}, harmonic, random, {networks}")
 }
 
 fn with_weights(heuristic: Heuristic, weights: WalleWeights) -> Heuristic {
@@ -154,9 +159,9 @@ mod tests {
         assert_eq!(name("random", &all_open), Ok("random".to_owned()));
         assert!(name("harmonic/all-open", &SETTINGS).is_err());
         assert!(name("floor/sideways", &SETTINGS).unwrap_err().contains("all-open"));
-        assert!(name("best-fit", &SETTINGS).unwrap_err().contains("random or packman"));
+        assert!(name("best-fit", &SETTINGS).unwrap_err().contains("random, packman"));
         assert_eq!(name("packman", &all_open), Ok("packman".to_owned()));
         assert!(name("walle:model.safetensors", &SETTINGS).unwrap_err().contains("no network"));
-        assert!(name("packman:missing.safetensors", &SETTINGS).unwrap_err().contains("model"));
+        assert!(name("packman:missing.safetensors", &SETTINGS).unwrap_err().contains("missing.safetensors"));
     }
 }

@@ -26,7 +26,7 @@ pub(crate) const TABLE: [Published; 6] = [
     row("floor", "Floor building", 1.52, 200, 81.0, 5),
     row("column", "Column build", 1.46, 100, 81.0, 6),
     row("walle", "WallE", 1.41, 10_600, 81.8, 25),
-    row("packman", "PackMan", 1.29, 34_200, 82.8, 57),
+    row("packman-published", "PackMan", 1.29, 34_200, 82.8, 57),
     Published { method: "harmonic", name: "AH", c: 1.58, time_us: None, fill_percent: None, best_percent: None },
 ];
 
