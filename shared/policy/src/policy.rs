@@ -52,7 +52,7 @@ struct Scorer {
 /// A network with what turns candidates into its input.
 #[derive(Debug)]
 enum Judge {
-    Published { network: Network, encoder: Encoder, batch: Batch },
+    Published { network: Box<Network>, encoder: Encoder, batch: Batch },
     Moves { network: MovesNetwork, moves: Vec<Features> },
 }
 
@@ -192,7 +192,7 @@ impl Scorer {
         let device = engine.device();
         let judge = match model.card().encoding {
             Encoding::Published(walls) => Judge::Published {
-                network: Network::new(model.weights(), &device)?,
+                network: Box::new(Network::new(model.weights(), &device)?),
                 encoder: Encoder::new(walls),
                 batch: Batch::default(),
             },

@@ -89,7 +89,7 @@ pub(crate) struct Evaluated {
 
 #[expect(clippy::disallowed_methods, reason = "a person waits for this and is told how long it took")]
 pub(crate) fn run(args: &EvaluateArgs) -> anyhow::Result<()> {
-    [&args.json, &args.html].into_iter().flatten().try_for_each(output::check_folder)?;
+    [&args.json, &args.html].into_iter().flatten().try_for_each(|path| output::check_folder(path))?;
     let methods = methods(args)?;
     let sources = sources(args)?;
     rayon::ThreadPoolBuilder::new().num_threads(args.threads).build_global().context("no threads to work with")?;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context as _;
 use comfy_table::{CellAlignment, presets};
@@ -18,7 +18,7 @@ use crate::trial::{self, Trial};
 const PICTURES_MAX: u32 = 32;
 
 /// Refuses a file that could not be written, before the work is done.
-pub(crate) fn check_folder(path: &PathBuf) -> anyhow::Result<()> {
+pub(crate) fn check_folder(path: &Path) -> anyhow::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     anyhow::ensure!(folder.is_dir(), "{} cannot be written: there is no folder {}", path.display(), folder.display());
     Ok(())
