@@ -50,7 +50,8 @@ fn what_is_written_is_read_again() {
         assert_eq!(dataset::read(&path, &ReadOptions::default()).unwrap(), set);
         let path = folder.path().join(format!("{}.CSV", named.name));
         dataset::write(&path, &set).unwrap();
-        assert_eq!(dataset::read(&path, &ReadOptions::default()).unwrap(), DataSet { optimum: None, ..set });
+        let options = ReadOptions { container: set.container, skip_bad: false };
+        assert_eq!(dataset::read(&path, &options).unwrap(), DataSet { optimum: None, ..set });
     }
 }
 
