@@ -1,5 +1,6 @@
 //! Starting, watching and ending real cells.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
@@ -189,4 +190,78 @@ impl Drop for UpCell {
 
 fn bus_args(root_dir: &str, prefix: &str) -> Vec<String> {
     ["--set".to_owned(), format!("bus.root_dir={root_dir}"), "--set".to_owned(), format!("bus.prefix={prefix}")].into()
+}
+
+/// A cell whose services are started one by one, as an operator or systemd would. Dropping it kills them all and
+/// removes the bus.
+pub(crate) struct Services {
+    config: PathBuf,
+    prefix: String,
+    root_dir: String,
+    running: BTreeMap<&'static str, Child>,
+}
+
+impl Services {
+    /// A bus called `name`, and a configuration with these lines, which may not have a section `[bus]`.
+    pub(crate) fn new(name: &str, lines: &str) -> Self {
+        let prefix = format!("pctest{}{name}_", std::process::id());
+        let root_dir = format!("/dev/shm/pctest{}{name}", std::process::id());
+        fs::create_dir(&root_dir).unwrap();
+        let config = Path::new(&root_dir).join("cell.toml");
+        fs::write(&config, format!("[bus]\nroot_dir = \"{root_dir}\"\nprefix = \"{prefix}\"\n{lines}")).unwrap();
+        Self { config, prefix, root_dir, running: BTreeMap::new() }
+    }
+
+    /// Starts a service.
+    pub(crate) fn start(&mut self, name: &'static str) {
+        let mut command = Command::new(program(name));
+        command.arg("--config").arg(&self.config).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        let replaced = self.running.insert(name, command.spawn().unwrap());
+        assert!(replaced.is_none(), "{name} runs already");
+    }
+
+    /// Ends a service by kill -9.
+    pub(crate) fn kill(&mut self, name: &'static str) {
+        let mut child = self.running.remove(name).unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+
+    /// Where iceoryx2 keeps the files of the bus.
+    pub(crate) fn root_dir(&self) -> &Path {
+        Path::new(&self.root_dir)
+    }
+
+    /// Looks at the cell with `packcell status`.
+    pub(crate) fn status_command(&self) -> Command {
+        let mut command = Command::new(program("packcell"));
+        command.arg("status").args(bus_args(&self.root_dir, &self.prefix)).stdin(Stdio::null());
+        command
+    }
+
+    /// Boxes that the arm has taken, as `packcell status` says; nothing while no cell speaks.
+    pub(crate) fn taken(&self) -> Option<u64> {
+        let output = self.status_command().output().unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        text.split_once("the belt: ")?.1.split_whitespace().next()?.parse().ok()
+    }
+
+    /// Waits until boxes are taken, and some more after that.
+    #[track_caller]
+    pub(crate) fn await_progress(&self, what: &str) {
+        let before = wait_until(what, || self.taken());
+        wait_until(what, || self.taken().filter(|&taken| taken > before + 20));
+    }
+}
+
+impl Drop for Services {
+    fn drop(&mut self) {
+        for child in self.running.values_mut() {
+            let _what_has_ended_need_not_be_killed = child.kill().and_then(|()| child.wait());
+        }
+        let _what_is_gone_is_gone = fs::remove_dir_all(&self.root_dir);
+        for left in leftovers(&self.prefix) {
+            let _what_is_gone_is_gone = fs::remove_file(Path::new("/dev/shm").join(left));
+        }
+    }
 }

@@ -3,6 +3,7 @@
 //! Every cell has a bus of its own, so the tests run side by side and beside a living cell.
 #![expect(clippy::unwrap_used, reason = "a test that cannot run its programs has failed")]
 
+mod coming_back;
 mod harness;
 mod pipeline;
 mod refusals;

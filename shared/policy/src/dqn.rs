@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::encoding::{Batch, Encoder, Encoding, Walls};
 use crate::engine::Engine;
-use crate::model::ContainerOrder;
+use crate::model::Scope;
 use crate::network::{Network, tensors};
 use crate::policy::best;
 use crate::weights::{Architecture, Layer, Weights};
@@ -23,7 +23,7 @@ pub struct DqnConfig {
     /// The number of the network's input.
     pub encoding: u32,
     /// The candidates it chooses among.
-    pub container_order: ContainerOrder,
+    pub scope: Scope,
     /// `rho`: how the terminal reward fades towards the episode's start [-].
     pub reward_discount: f64,
     /// `gamma`: the share of the next value in a value [-].
@@ -50,7 +50,7 @@ impl DqnConfig {
     pub fn published() -> Self {
         Self {
             encoding: Encoding::Published(Walls::Empty).number(),
-            container_order: ContainerOrder::FirstThatFits,
+            scope: Scope::FirstContainer,
             reward_discount: 0.99,
             value_discount: 0.75,
             learning_rate: 0.001,
@@ -240,7 +240,7 @@ impl Dqn {
         for spec in &episode.boxes {
             let step = environment.pack(spec, |grid, extent| {
                 corner_candidates(grid, extent, &WalleWeights::PAPER, &mut candidates);
-                let considered = self.config.container_order.considered(&candidates);
+                let considered = self.config.scope.considered(&candidates);
                 encoder.encode(grid, extent, considered, &mut batch);
                 if batch.is_empty() {
                     return None;

@@ -29,7 +29,7 @@ pub use engine::{Engine, EngineError};
 pub use evolution::Evolution;
 pub use fast::{Packed, pack_fast, pack_planned};
 pub use lookahead::UPCOMING_MAX;
-pub use model::{Card, ContainerOrder, FORMAT, MODEL_BYTES_MAX, Model, ModelError, ModelFault, Training, Validation};
+pub use model::{Card, FORMAT, MODEL_BYTES_MAX, Model, ModelError, ModelFault, Scope, Training, Validation};
 pub use policy::{Choice, NotFinite, Policy, PolicyError, PolicyKind, PolicyKindError};
 pub use pool::{FIELD_COLUMNS, FIELD_ROWS, FIELDS};
 pub use weights::{Architecture, HIDDEN_UNITS, Layer, LayerShape, Weights};

@@ -43,19 +43,20 @@ pub struct Card {
     /// The input it was trained on.
     pub encoding: Encoding,
     /// The candidates it chooses among.
-    pub container_order: ContainerOrder,
+    pub scope: Scope,
     /// How it was trained.
     pub training: Training,
 }
 
 /// Which of a box's candidates a policy looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ContainerOrder {
+pub enum Scope {
     /// Those of the first open container that has any. Only this reading agrees with the paper's figures.
-    FirstThatFits,
+    #[serde(rename = "first-that-fits")]
+    FirstContainer,
     /// Those of all open containers.
-    All,
+    #[serde(rename = "all")]
+    AllContainers,
 }
 
 /// How a model was trained.
@@ -97,7 +98,8 @@ struct Record {
     format: u32,
     architecture: String,
     encoding: u32,
-    container_order: ContainerOrder,
+    #[serde(rename = "container_order")]
+    scope: Scope,
     training: Training,
 }
 
@@ -283,7 +285,7 @@ impl Model {
             format: FORMAT,
             architecture: self.weights.architecture().name().to_owned(),
             encoding: self.card.encoding.number(),
-            container_order: self.card.container_order,
+            scope: self.card.scope,
             training: self.card.training.clone(),
         };
         let unwritable = |error: String| ModelFault::Record(error);
@@ -329,7 +331,7 @@ impl Model {
         let encoding = Encoding::from_number(record.encoding).ok_or_else(unknown_encoding)?;
 
         let weights = weights_of(&file, architecture)?;
-        let card = Card { encoding, container_order: record.container_order, training: record.training };
+        let card = Card { encoding, scope: record.scope, training: record.training };
         let model = Self { card, weights, fingerprint: fingerprint(&digest) };
         model.check()?;
         Ok(model)
@@ -416,7 +418,7 @@ mod tests {
     fn card() -> Card {
         Card {
             encoding: Encoding::Published(crate::Walls::Empty),
-            container_order: ContainerOrder::FirstThatFits,
+            scope: Scope::FirstContainer,
             training: Training { recipe: "none".into(), seed: 7, ..Training::default() },
         }
     }
@@ -459,7 +461,7 @@ mod tests {
     fn the_model_that_ships_can_be_loaded() {
         assert_eq!(Model::built_in().unwrap().card().encoding, Encoding::Moves);
         let published = Model::built_in_published().unwrap();
-        assert_eq!(published.card().container_order, ContainerOrder::FirstThatFits);
+        assert_eq!(published.card().scope, Scope::FirstContainer);
         assert_ne!(published.fingerprint(), 0);
     }
 

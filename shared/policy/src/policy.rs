@@ -9,7 +9,7 @@ use packing::{Candidate, Extent, Grid, Heuristic};
 use crate::encoding::{Batch, Encoder, Encoding};
 use crate::engine::Engine;
 use crate::lookahead::{self, Plan, UPCOMING_MAX, WIDTHS};
-use crate::model::{ContainerOrder, Model, ModelError};
+use crate::model::{Model, ModelError, Scope};
 use crate::moves::{ContainerView, Features, features};
 use crate::network::{MovesNetwork, Network};
 
@@ -44,7 +44,7 @@ pub struct Policy {
 #[derive(Debug)]
 struct Scorer {
     fingerprint: u64,
-    container_order: ContainerOrder,
+    scope: Scope,
     device: Device,
     judge: Judge,
 }
@@ -179,7 +179,7 @@ impl Policy {
         if self.kind != PolicyKind::PackmanLookahead {
             return best(&values);
         }
-        let candidates = scorer.container_order.considered(candidates);
+        let candidates = scorer.scope.considered(candidates);
         let upcoming = upcoming.iter().take(UPCOMING_MAX);
         let extents = [extent].into_iter().chain(upcoming.copied()).collect();
         let plan = lookahead::plan(grid, extents, candidates, &values, scorer, &WIDTHS, is_over)?;
@@ -200,12 +200,12 @@ impl Scorer {
                 Judge::Moves { network: MovesNetwork::new(model.weights(), &device)?, moves: Vec::new() }
             }
         };
-        Some(Self { fingerprint: model.fingerprint(), container_order: model.card().container_order, device, judge })
+        Some(Self { fingerprint: model.fingerprint(), scope: model.card().scope, device, judge })
     }
 
     /// The values of the candidates that the model looks at, all finite.
     fn values(&mut self, grid: &Grid, extent: Extent, candidates: &[Candidate]) -> Result<Vec<f32>, NotFinite> {
-        let candidates = self.container_order.considered(candidates);
+        let candidates = self.scope.considered(candidates);
         let values = match &mut self.judge {
             Judge::Published { network, encoder, batch } => {
                 encoder.encode(grid, extent, candidates, batch);
@@ -268,16 +268,16 @@ pub(crate) fn best(values: &[f32]) -> Result<Option<Choice>, NotFinite> {
     Ok(values.iter().enumerate().fold(None, better))
 }
 
-impl ContainerOrder {
+impl Scope {
     /// The candidates that a policy of this order looks at: a leading part of all.
     #[must_use]
     pub fn considered(self, candidates: &[Candidate]) -> &[Candidate] {
         match (self, candidates.first()) {
-            (Self::FirstThatFits, Some(first)) => {
+            (Self::FirstContainer, Some(first)) => {
                 let same = |candidate: &Candidate| candidate.placement.slot == first.placement.slot;
                 &candidates[..candidates.iter().take_while(|candidate| same(candidate)).count()]
             }
-            (Self::All, _) | (_, None) => candidates,
+            (Self::AllContainers, _) | (_, None) => candidates,
         }
     }
 }
@@ -365,10 +365,10 @@ mod tests {
     #[test]
     fn the_published_order_looks_at_the_first_container_only() {
         let (_, _, candidates) = decision();
-        let considered = ContainerOrder::FirstThatFits.considered(&candidates);
+        let considered = Scope::FirstContainer.considered(&candidates);
         assert!(considered.len() < candidates.len() && considered.iter().all(|c| c.placement.slot == 0));
-        assert_eq!(ContainerOrder::All.considered(&candidates).len(), candidates.len());
-        assert!(ContainerOrder::FirstThatFits.considered(&[]).is_empty());
+        assert_eq!(Scope::AllContainers.considered(&candidates).len(), candidates.len());
+        assert!(Scope::FirstContainer.considered(&[]).is_empty());
     }
 
     #[test]

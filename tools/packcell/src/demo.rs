@@ -112,6 +112,8 @@ fn print(figures: &Figures) {
     println!("utilisation        {}", percent(figures.utilisation));
     let chosen = &figures.chosen_by;
     println!("chosen by          model {}, standby {}, fallback {}", chosen.model, chosen.standby, chosen.fallback);
+    let (most, left_out) = (figures.candidates_max, figures.candidates_left_out);
+    println!("candidates         at most {most} for a box, {left_out} left out");
     println!("over 40 ms         {} of {}", figures.over_budget, figures.placed + figures.set_aside);
     if figures.lost_reports > 0 {
         println!("reports lost       {}: the figures lack them", figures.lost_reports);

@@ -21,6 +21,8 @@ pub(crate) struct Session {
     replaced: usize,
     doubled: usize,
     chosen_by: BTreeMap<ChosenBy, u64>,
+    candidates_max: u32,
+    left_out: u64,
     pub(crate) latencies: Latencies,
     next_sequence: u64,
     lost_reports: u64,
@@ -41,6 +43,10 @@ pub(crate) struct Figures {
     pub(crate) fill: Option<f64>,
     pub(crate) utilisation: f64,
     pub(crate) chosen_by: Chosen,
+    /// Candidates of the box that had most.
+    pub(crate) candidates_max: u32,
+    /// Candidates for which a set had no room, over all boxes.
+    pub(crate) candidates_left_out: u64,
     pub(crate) over_budget: u64,
     /// Reports that the observer was too slow to read; the figures above lack them.
     pub(crate) lost_reports: u64,
@@ -72,6 +78,8 @@ impl Session {
             replaced: 0,
             doubled: 0,
             chosen_by: BTreeMap::new(),
+            candidates_max: 0,
+            left_out: 0,
             latencies: Latencies::new(),
             next_sequence: 1,
             lost_reports: 0,
@@ -112,6 +120,8 @@ impl Session {
         } else {
             self.set_aside += 1;
         }
+        self.candidates_max = self.candidates_max.max(report.candidates);
+        self.left_out += u64::from(report.left_out);
         self.latencies.record(&report.stamps);
         Ok(())
     }
@@ -153,6 +163,8 @@ impl Session {
                 standby: chosen(ChosenBy::Standby),
                 fallback: chosen(ChosenBy::Fallback),
             },
+            candidates_max: self.candidates_max,
+            candidates_left_out: self.left_out,
             over_budget: self.latencies.over_budget,
             lost_reports: self.lost_reports,
             latency_us: self.latencies.summaries().collect(),

@@ -219,7 +219,7 @@ fn dqn_model(dqn: &Dqn, args: &TrainArgs, validation: Option<Validation>) -> any
         git_revision: git_revision(),
         validation,
     };
-    let card = Card { encoding: dqn.encoding()?, container_order: dqn.config().container_order, training };
+    let card = Card { encoding: dqn.encoding()?, scope: dqn.config().scope, training };
     Ok(Model::new(card, dqn.weights()?)?)
 }
 

@@ -9,8 +9,8 @@ use anyhow::Context as _;
 use packing::{ContainerSize, Draw, Episode, Recipe, Split};
 use policy::moves::FEATURES;
 use policy::{
-    Architecture, Card, ContainerOrder, Encoding, Evolution, HIDDEN_UNITS, Model, Packed, Training, Validation,
-    Weights, pack_fast, pack_planned,
+    Architecture, Card, Encoding, Evolution, HIDDEN_UNITS, Model, Packed, Scope, Training, Validation, Weights,
+    pack_fast, pack_planned,
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -184,7 +184,7 @@ fn search_model(search: &Search, args: &TrainArgs, validation: Option<Validation
         git_revision: git_revision(),
         validation,
     };
-    let card = Card { encoding: Encoding::Moves, container_order: ContainerOrder::All, training };
+    let card = Card { encoding: Encoding::Moves, scope: Scope::AllContainers, training };
     Ok(Model::new(card, search.best()?)?)
 }
 
