@@ -53,7 +53,7 @@ struct Scorer {
 #[derive(Debug)]
 enum Judge {
     Published { network: Box<Network>, encoder: Encoder, batch: Batch },
-    Moves { network: MovesNetwork, moves: Vec<Features> },
+    Moves { network: Box<MovesNetwork>, moves: Vec<Features> },
 }
 
 /// The chosen candidate.
@@ -197,7 +197,7 @@ impl Scorer {
                 batch: Batch::default(),
             },
             Encoding::Moves => {
-                Judge::Moves { network: MovesNetwork::new(model.weights(), &device)?, moves: Vec::new() }
+                Judge::Moves { network: Box::new(MovesNetwork::new(model.weights(), &device)?), moves: Vec::new() }
             }
         };
         Some(Self { fingerprint: model.fingerprint(), scope: model.card().scope, device, judge })
