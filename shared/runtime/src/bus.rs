@@ -10,11 +10,13 @@
 //!   back-pressure is set to discard besides.
 //! - History is delivered by the *living* publisher, at its next message: [`Publisher::greet_newcomers`].
 //! - Full shared memory kills the process that touches the page: [`Bus::join`] refuses to start without room.
-//! - A timed wait of less than a microsecond waits for ever: [`Bell::wait`] does not sleep then.
+//! - A timed wait ends at a kernel tick, up to 10 ms late, and one of less than a microsecond never: [`Bell::wait`]
+//!   polls the listener's socket instead, with the kernel's high-resolution timers.
 //! - The blackboard pattern stays locked after its writer was killed: it is not used.
 
 use std::fs;
 use std::io;
+use std::os::fd::BorrowedFd;
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::thread;
@@ -27,15 +29,18 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::{
-    BackpressureStrategy, FilePath, LogLevel, NodeBuilder, SemanticString as _, SignalHandlingMode, ipc, set_log_level,
+    BackpressureStrategy, FileDescriptorBased as _, FilePath, LogLevel, NodeBuilder, SemanticString as _,
+    SignalHandlingMode, ipc, set_log_level,
 };
 use iceoryx2::sample::Sample;
 use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError};
 use messages::Message;
 use messages::topics::{
-    BELIEF, BOXES, CANDIDATES, COMMANDS, CYCLES, DECISIONS, HEALTH, MOTIONS, NODES_MAX, Role, SUBSCRIBERS_MAX, Topic,
+    ACTIVE, BELIEF, BOXES, CANDIDATES, COMMANDS, CONTROL, CYCLES, DECISIONS, HEALTH, MOTIONS, NODES_MAX, Role,
+    SUBSCRIBERS_MAX, Topic,
 };
+use rustix::event::{PollFd, PollFlags, Timespec};
 
 use crate::{BusConfig, StopSignal, monotonic_ns};
 
@@ -48,8 +53,8 @@ const JOIN_PAUSE: Duration = Duration::from_millis(20);
 /// Longest sleep on a bell: the safety net under a lost ring, and the beat of whatever is done when idle [ns].
 const SLEEP_NS_MAX: u64 = 50_000_000;
 
-/// Shortest sleep on a bell [ns]; a shorter one does not sleep at all.
-const SLEEP_NS_MIN: u64 = 1_000;
+/// Nanoseconds of a second.
+const NS_PER_S: u64 = 1_000_000_000;
 
 /// Age after which an unfinished service file belongs to nobody alive.
 const UNFINISHED_AGE: Duration = Duration::from_secs(2);
@@ -177,6 +182,8 @@ pub fn shared_memory_bytes() -> u64 {
         + COMMANDS.publisher_bytes()
         + MOTIONS.publisher_bytes()
         + CYCLES.publisher_bytes()
+        + CONTROL.publisher_bytes()
+        + ACTIVE.publisher_bytes()
         + HEALTH.publisher_bytes() * HEALTH.publishers_max;
     total as u64
 }
@@ -463,13 +470,20 @@ impl Bell {
         let now = monotonic_ns();
         let sleep_ns = wake_ns.map_or(SLEEP_NS_MAX, |wake| wake.saturating_sub(now).min(SLEEP_NS_MAX));
         // An interrupted sleep is a wake like any other; the flag below says what interrupted it.
-        let _rings = if sleep_ns < SLEEP_NS_MIN {
-            self.listener.try_wait(|_| ())
-        } else {
-            self.listener.timed_wait(|_| (), Duration::from_nanos(sleep_ns))
-        };
+        let _woken = rustix::event::poll(&mut [PollFd::new(&self.socket(), PollFlags::IN)], Some(&timespec(sleep_ns)));
+        let _rings = self.listener.try_wait(|_| ());
         Ok(!self.stop.is_set())
     }
+
+    #[expect(unsafe_code, reason = "iceoryx2 gives its socket as a number")]
+    fn socket(&self) -> BorrowedFd<'_> {
+        // SAFETY: the descriptor belongs to the listener, is open as long as it lives, and is only polled.
+        unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) }
+    }
+}
+
+fn timespec(ns: u64) -> Timespec {
+    Timespec { tv_sec: (ns / NS_PER_S).cast_signed(), tv_nsec: (ns % NS_PER_S).cast_signed() }
 }
 
 /// The bus as iceoryx2 is to see it, in its own words.

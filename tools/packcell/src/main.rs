@@ -4,11 +4,14 @@
 mod args;
 mod cell;
 mod demo;
+mod journal_list;
 mod latency;
 mod page;
 mod private_bus;
+mod restart;
 mod session;
 mod status;
+mod swap;
 mod up;
 
 use std::process::ExitCode;
@@ -25,6 +28,10 @@ enum Command {
     Up(up::UpArgs),
     /// Shows what every process of a running cell is doing
     Status(status::StatusArgs),
+    /// Replaces the scorer of a running cell, without a pause
+    Swap(swap::SwapArgs),
+    /// Prints what the commander wrote down: every order and its outcome
+    Journal(journal_list::JournalArgs),
 }
 
 fn main() -> ExitCode {
@@ -32,6 +39,8 @@ fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Up(args) => up::run(&args),
         Command::Status(args) => status::run(&args),
+        Command::Swap(args) => swap::run(&args),
+        Command::Journal(args) => journal_list::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
