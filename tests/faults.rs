@@ -28,11 +28,10 @@ fn boxes() -> u64 {
     Named::find("standard").unwrap().generate(Split::Live, SEED_OF_STREAM, 1).unwrap().episodes[0].len() as u64
 }
 
-/// A cell that packs one episode at this pace and then has an empty belt.
-fn cell(name: &str, pace_ms: &str, more: &[&str]) -> UpCell {
-    let mut args = vec!["--pace", pace_ms, "--seed", "5", "--policy", "walle", "--set", "perception.episodes=1"];
-    args.extend(more);
-    UpCell::start(name, &args)
+/// A cell that packs so many episodes at this pace and then has an empty belt; 0 for an endless stream.
+fn cell(name: &str, pace_ms: &str, episodes: u64) -> UpCell {
+    let episodes = format!("perception.episodes={episodes}");
+    UpCell::start(name, &["--pace", pace_ms, "--seed", "5", "--policy", "walle", "--set", &episodes])
 }
 
 /// Reads what the cell reports, until its belt is empty and everything is reported.
@@ -72,9 +71,10 @@ impl Observer {
     }
 }
 
-/// Every box of the episode is in the journal as moved by one order, and no order began before another was over.
+/// Every box up to some last one is in the journal as moved by one order, and no order began before another was over.
+/// How many boxes that were.
 #[track_caller]
-fn assert_exactly_once(journal: &Path) {
+fn assert_exactly_once(journal: &Path) -> u64 {
     let contents = journal::read(journal).unwrap();
     assert_eq!(contents.rest, Rest::Nothing);
     let mut moved: BTreeMap<u64, Vec<u64>> = BTreeMap::new();
@@ -92,10 +92,11 @@ fn assert_exactly_once(journal: &Path) {
             Record::Active(_) | Record::Carried(_) => {}
         }
     }
-    assert_eq!(open, None);
     let doubled: Vec<_> = moved.iter().filter(|(_, orders)| orders.len() > 1).collect();
     assert!(doubled.is_empty(), "moved more than once: {doubled:?}");
-    assert_eq!(moved.keys().copied().collect::<Vec<_>>(), (1..=boxes()).collect::<Vec<_>>());
+    let count = moved.len() as u64;
+    assert_eq!(moved.keys().copied().collect::<Vec<_>>(), (1..=count).collect::<Vec<_>>());
+    count
 }
 
 /// The services of a cell that run, by name.
@@ -113,7 +114,7 @@ fn an_episode_survives_whatever_dies_and_freezes() {
     let seed = RandomState::new().hash_one("faults");
     println!("seed {seed}");
     let mut draw = Draw::new(601, seed, 0);
-    let mut cell = cell("faults", "5", &[]);
+    let mut cell = cell("faults", "5", 1);
     cell.await_status();
     let mut observer = Observer::new(cell.bus_config());
     let mut faults = 0;
@@ -121,7 +122,8 @@ fn an_episode_survives_whatever_dies_and_freezes() {
         assert!(cell.child.try_wait().unwrap().is_none(), "the supervisor gave up");
         if observer.over().len() as u64 + 40 < boxes() {
             let services = services(&cell);
-            let (_, pid) = &services[draw.below(services.len() as u64) as usize];
+            let drawn = draw.below(4) as usize;
+            let Some((_, pid)) = services.get(drawn) else { continue };
             let how = if draw.below(4) == 0 { Signal::STOP } else { Signal::KILL };
             signal(*pid, how);
             faults += 1;
@@ -136,13 +138,13 @@ fn an_episode_survives_whatever_dies_and_freezes() {
     assert_eq!(observer.over().len() as u64, boxes());
     drop(observer);
     assert_eq!(cell.stop_with(Signal::TERM).0, Some(0));
-    assert_exactly_once(&cell.journal());
+    assert_eq!(assert_exactly_once(&cell.journal()), boxes());
     assert_eq!(cell.leftovers(), [] as [String; 0]);
 }
 
 #[test]
 fn scorers_are_swapped_while_boxes_keep_coming() {
-    let mut cell = cell("swap", "10", &[]);
+    let mut cell = cell("swap", "10", 0);
     cell.await_status();
     let mut observer = Observer::new(cell.bus_config());
     let output = packcell("swap", &cell, &["--policy", "packman", "--sets", "20", "--dry-run"]);
@@ -174,17 +176,17 @@ fn scorers_are_swapped_while_boxes_keep_coming() {
     });
     let output = packcell("swap", &cell, &["--back", "--sets", "10"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    wait_until("the episode is packed", || observer.has_ended().then_some(()));
+    observer.look();
     let models: BTreeSet<u64> = observer.reports.values().map(|report| report.model).collect();
     assert!(models.len() >= 2, "both policies decided boxes");
     drop(observer);
     assert_eq!(cell.stop_with(Signal::TERM).0, Some(0));
-    assert_exactly_once(&cell.journal());
+    assert!(assert_exactly_once(&cell.journal()) > 100);
 }
 
 #[test]
 fn a_cell_goes_on_where_it_stopped_and_the_journal_can_be_read() {
-    let mut first = cell("again", "5", &[]);
+    let mut first = cell("again", "5", 1);
     first.await_status();
     wait_until("some boxes are packed", || {
         let contents = journal::read(&first.journal()).ok()?;
@@ -206,5 +208,5 @@ fn a_cell_goes_on_where_it_stopped_and_the_journal_can_be_read() {
     assert!(listed.status.success() && text.contains("next order") && text.contains("done"), "{text}");
     drop(observer);
     assert_eq!(second.stop_with(Signal::TERM).0, Some(0));
-    assert_exactly_once(&second.journal());
+    assert_eq!(assert_exactly_once(&second.journal()), boxes());
 }

@@ -5,7 +5,7 @@ use bytemuck::bytes_of_mut;
 use messages::topics::{
     ACTIVE, BELIEF, BOXES, CANDIDATES, COMMANDS, CONTROL, CYCLES, DECISIONS, HEALTH, MOTIONS, Role, Topic,
 };
-use messages::{Decision, Message};
+use messages::{CandidateSet, Decision, Message};
 use packing::Draw;
 use runtime::{Bus, monotonic_ns};
 
@@ -41,6 +41,7 @@ fn rubbish_beside_a_running_cell_stops_nothing() {
     assert!(babble(&bus, &CONTROL, &mut draw));
     assert!(babble(&bus, &HEALTH, &mut draw));
     answer_wrongly(&bus, &mut draw);
+    propose_wrongly(&bus, &mut draw);
     cell.await_progress("the cell packs on");
     wait_until("the refusals are counted", || (cell.refused("commander")? > 0).then_some(()));
     wait_until("the refusals are counted", || (cell.refused("scorer")? > 0).then_some(()));
@@ -72,6 +73,38 @@ fn answer_wrongly(bus: &Bus, draw: &mut Draw) {
             answered += 1;
         }
         (answered > 50).then_some(())
+    });
+}
+
+/// Proposes candidates that are none for the boxes that lie there, on the present revision and with a right digest.
+fn propose_wrongly(bus: &Bus, draw: &mut Draw) {
+    let real = bus.subscriber(&CANDIDATES).unwrap();
+    let mut sets = bus.publisher(&CANDIDATES).unwrap();
+    let own = draw.below(u64::MAX) | 1;
+    let mut proposed = 0;
+    wait_until("real sets were followed by wrong ones", || {
+        while let Some(set) = real.receive().unwrap() {
+            if set.received_ns == own {
+                continue;
+            }
+            let mut candidates = Vec::new();
+            set.read_candidates(&mut candidates).unwrap();
+            for candidate in &mut candidates {
+                let placement = &mut candidate.placement;
+                let fields = [&mut placement.slot, &mut placement.i, &mut placement.j, &mut placement.base];
+                let field = draw.below(4) as usize;
+                fields.into_iter().skip(field).take(1).for_each(|field| *field = draw.below(1 << 16) as u16);
+            }
+            candidates.truncate(draw.below(3) as usize);
+            let build = |wrong: &mut CandidateSet| {
+                *wrong = *set;
+                wrong.received_ns = own;
+                wrong.write_candidates(&candidates);
+            };
+            sets.publish(0, build).unwrap();
+            proposed += 1;
+        }
+        (proposed > 50).then_some(())
     });
 }
 

@@ -25,8 +25,8 @@ pub(crate) struct Violation {
 pub(crate) struct Ledger {
     /// By box: the order that placed it or set it aside.
     moved: Vec<Option<u64>>,
-    /// Orders, the revision they were for, and the box, that had their effect.
-    effects: BTreeSet<(u64, u64, u64)>,
+    /// Orders that had their effect.
+    effects: BTreeSet<u64>,
     commanded: BTreeMap<u64, Intent>,
     /// Boxes whose placing or setting aside was reported.
     reported: BTreeSet<u64>,
@@ -80,7 +80,7 @@ impl Ledger {
             Say::Motion(_) | Say::Belief | Say::Boxes(_) => None,
         });
         for motion in done {
-            if !self.effects.insert((motion.order, motion.revision, motion.box_id)) {
+            if !self.effects.insert(motion.order) && !self.is_cut {
                 return Err(Violation::new(format!("order {} had its effect twice", motion.order), now_ns));
             }
             if motion.action != Action::Replace.to_wire() {

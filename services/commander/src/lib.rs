@@ -81,6 +81,9 @@ pub struct Commander {
     next_order: u64,
     /// The order whose end is not written down.
     ordered: Option<Ordered>,
+    /// The box and the revision of the last order that is over and was not refused: nothing more is ordered for them,
+    /// even if belt and belief still show them because their successors are not published yet.
+    over: Option<(u64, u64)>,
     /// The box that the arm refused to place last, and how often.
     refused: Option<(u64, u32)>,
     tally: Tally,
@@ -163,6 +166,9 @@ impl Commander {
             candidates: Vec::new(),
             next_order: state.next_order(),
             ordered: state.open().map(recovered),
+            over: state
+                .last
+                .and_then(|(intent, outcome)| is_final(outcome?).then_some((intent.spec.id, intent.revision))),
             refused: None,
             tally: Tally::default(),
         }
@@ -238,6 +244,7 @@ impl Commander {
             (present.spec.id(), present.spec.size_mm(), present.revision)
                 == (set.current.id, set.current.size_mm, set.revision)
                 && self.grid.grid().is_some_and(|grid| grid.revision() == set.revision)
+                && self.over != Some((set.current.id, set.revision))
         }) else {
             self.tally.pass_over();
             return Ok(());
@@ -366,11 +373,12 @@ impl Commander {
         grid.check(extent(grid, spec), placement)
     }
 
-    /// Does what is due at `now_ns`.
+    /// Does what is due at `now_ns`, and tries again what could not be written down.
     ///
     /// # Errors
     /// As [`Effects::command`].
     pub fn on_time<E: Effects>(&mut self, now_ns: u64, effects: &mut E) -> Result<(), E::Error> {
+        self.end_order(effects)?;
         let Some(pending) = self.pending else { return Ok(()) };
         let spec = pending.present.spec;
         if self.refused.is_some_and(|(box_id, times)| box_id == spec.id() && times >= REFUSALS_MAX) {
@@ -511,8 +519,10 @@ impl Commander {
         }
         self.tally.clear_alarm();
         self.ordered = None;
-        if outcome == MotionOutcome::Refused && order.action() == Action::Place {
-            let box_id = order.spec().id;
+        let box_id = order.spec().id;
+        if is_final(outcome) {
+            self.over = Some((box_id, order.intent().revision));
+        } else if order.action() == Action::Place {
             let times = self.refused.filter(|(refused, _)| *refused == box_id).map_or(0, |(_, times)| times);
             self.refused = Some((box_id, times + 1));
         }
@@ -557,6 +567,14 @@ impl Commander {
     #[must_use]
     pub fn tally(&self) -> &Tally {
         &self.tally
+    }
+}
+
+/// Whether an order that ended so must not be given again.
+fn is_final(outcome: MotionOutcome) -> bool {
+    match outcome {
+        MotionOutcome::Done | MotionOutcome::Unreported => true,
+        MotionOutcome::Refused => false,
     }
 }
 

@@ -450,3 +450,30 @@ fn who_chose_and_why_is_reported() {
     let order = bench.wait(OBSERVED + 12 * MS);
     assert_eq!(why(&mut bench, order), (ChosenBy::Standby, Why::Refused));
 }
+
+/// Found by the simulation: perception died between saying the motion and saying the belief.
+#[test]
+fn a_box_that_was_moved_is_not_ordered_again_while_the_old_belief_still_shows_it() {
+    let mut bench = Bench::new(ClosePolicy::Never);
+    bench.observe(1, [20, 30, 20]);
+    let order = bench.decide_as(0, 3, OBSERVED + 2 * MS).unwrap();
+    bench.report(&Bench::motion(&order)).unwrap();
+    assert_eq!(bench.look(OBSERVED + 20 * MS), None);
+    assert_eq!(bench.wait(OBSERVED + 30 * MS), None);
+    let mut restarted = Bench::from(ClosePolicy::Never, &bench.journal());
+    assert_eq!(restarted.observe(1, [20, 30, 20]), None);
+    assert_eq!(restarted.wait(OBSERVED + 30 * MS), None);
+}
+
+/// Found by the simulation: the last box of a stream, and a disk that was full for a moment.
+#[test]
+fn an_outcome_that_could_not_be_written_down_is_tried_again_without_an_event() {
+    let mut bench = Bench::new(ClosePolicy::Never);
+    bench.observe(1, [20, 30, 20]);
+    let order = bench.decide_as(0, 3, OBSERVED + 2 * MS).unwrap();
+    bench.deeds.is_disk_full = true;
+    bench.report(&Bench::motion(&order));
+    bench.deeds.is_disk_full = false;
+    bench.wait(OBSERVED + 50 * MS);
+    assert_eq!(bench.journal().last.unwrap().1, Some(MotionOutcome::Done));
+}

@@ -155,7 +155,7 @@ mod tests {
     fn the_format_is_fixed() {
         let mut bytes = Vec::new();
         encode(&Entry { unix_ms: 1, record: Record::Active(2) }, &mut bytes);
-        assert_eq!(bytes, [3, 0, 0, 0, 0x37, 0x8a, 0xfb, 0xd8, 1, 2, 2]);
+        assert_eq!(bytes, [3, 0, 0xfc, 0xff, 0x8b, 0xb0, 0xbb, 0x22, 1, 2, 2]);
     }
 
     #[test]
