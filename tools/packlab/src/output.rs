@@ -207,7 +207,7 @@ pub(crate) fn svg(evaluated: &[Evaluated], methods: &[Method]) -> String {
     let names: Vec<_> = methods.iter().map(|method| method.name.as_str()).collect();
     let boxes = |set: &Evaluated| set.trials.iter().map(goodness_percent).collect();
     let groups: Vec<_> = evaluated.iter().map(|set| (set.set.name.as_str(), boxes(set))).collect();
-    standalone(&box_plot_groups(GOODNESS_OF_SETS, &names, &groups))
+    standalone(&box_plot_groups(goodness_name_of_all(evaluated), &names, &groups))
 }
 
 /// The figures, charts and one packed episode as a page.
@@ -231,7 +231,7 @@ pub(crate) fn html(evaluated: &[Evaluated], methods: &[Method]) -> anyhow::Resul
         page.gallery_wide(methods.iter().enumerate().map(|(index, method)| {
             let series: Vec<_> =
                 evaluated.iter().map(|set| (set.set.name.clone(), goodness_percent(&set.trials[index]))).collect();
-            (box_plots(GOODNESS_OF_SETS, &series), method.name.clone())
+            (box_plots(goodness_name_of_all(evaluated), &series), method.name.clone())
         }));
     }
     if let Some(set) = evaluated.first() {
@@ -249,7 +249,14 @@ fn html_table(evaluated: &Evaluated) -> Table {
 }
 
 /// What box plots of several sets measure.
-const GOODNESS_OF_SETS: &str = "fill of the first Opt containers, or utilisation [%]";
+fn goodness_name_of_all(evaluated: &[Evaluated]) -> &'static str {
+    let known = evaluated.iter().filter(|set| set.set.optimum.is_some()).count();
+    match known {
+        0 => "utilisation of all containers [%]",
+        _ if known == evaluated.len() => "fill of the first Opt containers [%]",
+        _ => "fill of the first Opt containers, or utilisation [%]",
+    }
+}
 
 fn named_goodness(evaluated: &Evaluated) -> Vec<(String, Vec<f64>)> {
     evaluated.trials.iter().map(|trial| (trial.method.clone(), goodness_percent(trial))).collect()

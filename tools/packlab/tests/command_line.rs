@@ -141,7 +141,7 @@ fn a_full_disk_leaves_the_last_good_checkpoint() {
     let before = [checkpoint(&stopped), stopped.clone()].map(|file| fs::read(file).unwrap());
     let limited = "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\"";
     let mut command = Command::new("sh");
-    command.args(["-c", limited, env!("CARGO_BIN_EXE_packlab")]).args(training("best", "72", &stopped));
+    command.args(["-c", limited, env!("CARGO_BIN_EXE_packlab")]).args(training("best", "48", &stopped));
     let output = command.output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success());
@@ -150,8 +150,8 @@ fn a_full_disk_leaves_the_last_good_checkpoint() {
     }
     assert_eq!([checkpoint(&stopped), stopped.clone()].map(|file| fs::read(file).unwrap()), before);
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 2, "nothing half written is left");
-    succeeds(&training("best", "72", &stopped));
-    succeeds(&training("best", "72", &whole));
+    succeeds(&training("best", "48", &stopped));
+    succeeds(&training("best", "48", &whole));
     assert_eq!(fs::read(&stopped).unwrap(), fs::read(&whole).unwrap());
 }
 
