@@ -54,7 +54,7 @@ impl Candidates {
         let spec = BoxSpec::try_from(queue.current)?;
         queue.known_upcoming()?;
         let grid = self.grid.follow(belief)?;
-        corner_candidates(grid, spec.extent(grid.size().cell_mm()), &self.weights, &mut self.found);
+        corner_candidates(grid, grid.extent(&spec), &self.weights, &mut self.found);
         self.tally.handle(spec.id());
         Ok(true)
     }

@@ -18,8 +18,7 @@ use messages::{
     MotionOutcome, MotionReport, Stamps, Why, Wish,
 };
 use packing::{
-    BoxSpec, Candidate, ClosePolicy, Extent, Grid, Heuristic, PlaceError, Placement, WalleWeights, Yaw,
-    corner_candidates,
+    BoxSpec, Candidate, ClosePolicy, Grid, Heuristic, PlaceError, Placement, WalleWeights, Yaw, corner_candidates,
 };
 use runtime::Tally;
 
@@ -293,7 +292,7 @@ impl Commander {
     /// An empty set lets a container leave, so it is not believed but looked into.
     fn check_emptiness(&mut self, spec: &BoxSpec) -> Result<(), Refusal> {
         if let Some(grid) = self.grid.grid() {
-            corner_candidates(grid, extent(grid, spec), &WalleWeights::PAPER, &mut self.candidates);
+            corner_candidates(grid, grid.extent(spec), &WalleWeights::PAPER, &mut self.candidates);
         }
         if self.candidates.is_empty() {
             Ok(())
@@ -370,7 +369,7 @@ impl Commander {
     fn check_placement(&self, spec: &BoxSpec, placement: Placement) -> Result<(), PlaceError> {
         let no_grid = PlaceError::NoSuchSlot { slot: placement.slot, slots: 0 };
         let grid = self.grid.grid().ok_or(no_grid)?;
-        grid.check(extent(grid, spec), placement)
+        grid.check(grid.extent(spec), placement)
     }
 
     /// Does what is due at `now_ns`, and tries again what could not be written down.
@@ -425,7 +424,7 @@ impl Commander {
     /// Nothing fits: the close policy makes room, or the box is set aside.
     fn order_by_rules<E: Effects>(&mut self, spec: &BoxSpec, effects: &mut E) -> Result<(), E::Error> {
         let Some(grid) = self.grid.grid() else { return Ok(()) };
-        let leaving = if grid.size().admits(extent(grid, spec)) { self.close.select(grid) } else { None };
+        let leaving = if grid.size().admits(grid.extent(spec)) { self.close.select(grid) } else { None };
         let action = if leaving.is_some() { Action::Replace } else { Action::SetAside };
         self.order(Choice::by_rules(action, leaving.unwrap_or(0)), effects)
     }
@@ -576,10 +575,6 @@ fn is_final(outcome: MotionOutcome) -> bool {
         MotionOutcome::Done | MotionOutcome::Unreported => true,
         MotionOutcome::Refused => false,
     }
-}
-
-fn extent(grid: &Grid, spec: &BoxSpec) -> Extent {
-    spec.extent(grid.size().cell_mm())
 }
 
 impl Choice {

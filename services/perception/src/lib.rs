@@ -14,7 +14,7 @@ use messages::{
     Action, BeltState, BoxQueue, Malformed, MotionOutcome, MotionReport, PlaceCommand, UPCOMING_MAX, WireBox,
     WirePlacement,
 };
-use packing::{BoxSpec, Extent, Grid, Placement};
+use packing::{BoxSpec, Grid, Placement};
 use runtime::Tally;
 use serde::{Deserialize, Serialize};
 
@@ -129,7 +129,7 @@ impl Perception {
         world: &World,
         now_ns: u64,
     ) -> Result<Self, WorldError> {
-        let grid = world.grid(empty.size(), empty.slots().len())?;
+        let grid = world.grid(empty)?;
         belt.go_to(world.position)?;
         let mut phase = Phase::Waiting;
         if let Some(moving) = world.moving {
@@ -270,7 +270,7 @@ impl Perception {
         let placement = Placement::try_from(command.placement)?;
         let motion = match Action::from_wire(command.action)? {
             Action::Place => {
-                self.grid.check(self.extent(&spec), placement)?;
+                self.grid.check(self.grid.extent(&spec), placement)?;
                 Motion::Place(placement.into())
             }
             Action::SetAside => Motion::SetAside,
@@ -324,10 +324,6 @@ impl Perception {
         if self.grid.replace(slot, self.next_container).is_ok() {
             self.next_container += 1;
         }
-    }
-
-    fn extent(&self, spec: &BoxSpec) -> Extent {
-        spec.extent(self.grid.size().cell_mm())
     }
 
     /// Writes what lies on the belt.

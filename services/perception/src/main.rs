@@ -34,7 +34,7 @@ fn main() -> anyhow::Result<()> {
         upcoming: settings.upcoming,
     };
     let belt = Belt::open(&settings.stream, settings.seed, settings.episodes, size)?;
-    let grid = Grid::new(size, config.container.slots)?;
+    let grid = Grid::with_rules(size, config.container.slots, config.rules())?;
 
     let bus = Bus::join(&config.bus, Role::Perception)?;
     let mut beliefs = bus.publisher(&BELIEF)?;

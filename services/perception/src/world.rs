@@ -78,17 +78,18 @@ impl World {
         Self { size, revision, slots, next_container, position, moving: None, last: None, taken }
     }
 
-    /// The containers as they were left, for a cell that has so many of this size.
+    /// The containers as they were left, for a cell that begins with those of `empty`.
     ///
     /// # Errors
     /// [`WorldError`] if the cell has other containers, or the file lies.
-    pub(crate) fn grid(&self, size: ContainerSize, slots: usize) -> Result<Grid, WorldError> {
+    pub(crate) fn grid(&self, empty: &Grid) -> Result<Grid, WorldError> {
+        let (size, slots) = (empty.size(), empty.slots().len());
         let describe = |count: usize, (size, mm): ([u16; 3], u32)| format!("{count} x {size:?} cells of {mm} mm");
         if self.size != shape(size) || self.slots.len() != slots {
             let (of_world, of_cell) = (describe(self.slots.len(), self.size), describe(slots, shape(size)));
             return Err(WorldError::OtherContainers { of_world, of_cell });
         }
-        let mut grid = Grid::new(size, slots).map_err(|_| WorldError::Damaged)?;
+        let mut grid = empty.clone();
         let empty = vec![0; size.footprint_cells()];
         for (index, slot) in (0..).zip(&self.slots) {
             let heights = if slot.boxes == 0 { &empty } else { &slot.heights };

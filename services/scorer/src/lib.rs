@@ -127,10 +127,9 @@ impl Scorer {
         let spec = set.spec()?;
         set.read_candidates(&mut self.candidates)?;
         let grid = self.grid.follow(belief)?;
-        let cell_mm = grid.size().cell_mm();
-        let extent = spec.extent(cell_mm);
+        let extent = grid.extent(&spec);
         self.candidates.iter().try_for_each(|candidate| grid.check(extent, candidate.placement))?;
-        let extent_of = |&wire: &WireBox| BoxSpec::try_from(wire).map(|spec| spec.extent(cell_mm));
+        let extent_of = |&wire: &WireBox| BoxSpec::try_from(wire).map(|spec| grid.extent(&spec));
         self.upcoming.clear();
         for wire in set.known_upcoming()? {
             self.upcoming.push(extent_of(wire)?);

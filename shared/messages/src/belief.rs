@@ -2,14 +2,14 @@
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
-use packing::{ContainerSize, GRID_CELLS_MAX, Grid, SLOTS_MAX};
+use packing::{ContainerSize, GRID_CELLS_MAX, Grid, Rules, SLOTS_MAX, Support};
 
 use crate::header::impl_message;
 use crate::{Header, Malformed};
 
 /// The heights of all containers. Perception builds it in shared memory, and everybody reads it there.
 #[derive(Clone, Copy, Debug, Pod, Zeroable, ZeroCopySend)]
-#[type_name("packcell/Belief/v1")]
+#[type_name("packcell/Belief/v2")]
 #[repr(C)]
 pub struct Belief {
     /// See [`Header`]. It answers no observation: it is one.
@@ -26,8 +26,10 @@ pub struct Belief {
     pub slot_count: u16,
     /// Side of a grid cell [mm].
     pub cell_mm: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// What a box keeps free on each side, see [`packing::Rules`] [mm].
+    pub clearance_mm: u16,
+    /// Heights that differ by no more count as level, see [`packing::Rules`] [mm].
+    pub level_mm: u16,
     /// The slots in the order they stand in the cell; those beyond `slot_count` mean nothing.
     pub slots: [SlotState; SLOTS_MAX],
     /// Slot by slot, row by row along `i`: cell `(i, j)` of slot `s` is at `(s * length + i) * breadth + j` [cells].
@@ -58,7 +60,8 @@ impl Belief {
         let size = grid.size();
         self.revision = grid.revision();
         (self.length, self.breadth, self.height) = (size.length(), size.breadth(), size.height());
-        (self.slot_count, self.cell_mm, self.reserved) = (grid.slots().len() as u16, size.cell_mm(), 0);
+        (self.slot_count, self.cell_mm) = (grid.slots().len() as u16, size.cell_mm());
+        (self.clearance_mm, self.level_mm) = (grid.rules().clearance_mm, grid.rules().level_mm);
         let heights = self.heights.chunks_exact_mut(size.footprint_cells());
         for ((state, heights), slot) in self.slots.iter_mut().zip(heights).zip(grid.slots()) {
             *state = SlotState { revision: slot.revision(), container: slot.container(), boxes: slot.boxes() };
@@ -89,12 +92,14 @@ impl GridCopy {
     /// [`Malformed`] if the belief's size is none; the copy keeps its state.
     pub fn follow(&mut self, belief: &Belief) -> Result<&Grid, Malformed> {
         let (size, slots) = belief.shape()?;
-        let same_shape = |grid: &Grid| grid.size() == size && grid.slots().len() == slots;
+        // A cell fills its containers with full support only; the other rules are as perception has them.
+        let rules = Rules { support: Support::Full, clearance_mm: belief.clearance_mm, level_mm: belief.level_mm };
+        let same_shape = |grid: &Grid| grid.size() == size && grid.slots().len() == slots && grid.rules() == rules;
         let kept = self.grid.take().filter(|grid| same_shape(grid) && self.publisher == belief.header.publisher);
         let is_new = kept.is_none();
         let mut grid = match kept {
             Some(grid) => grid,
-            None => Grid::new(size, slots)?,
+            None => Grid::with_rules(size, slots, rules)?,
         };
         if is_new || grid.revision() != belief.revision {
             let heights = belief.heights.chunks_exact(size.footprint_cells());
@@ -156,6 +161,20 @@ mod tests {
         grid.replace(0, 3).unwrap();
         wire.write(&grid);
         assert_same(copy.follow(&wire).unwrap(), &grid);
+    }
+
+    #[test]
+    fn a_copy_goes_by_the_rules_of_the_belief() {
+        let rules = Rules { clearance_mm: 5, level_mm: 20, ..Rules::default() };
+        let mut grid = Grid::with_rules(ContainerSize::new(9, 9, 9, 10).unwrap(), 2, rules).unwrap();
+        place(&mut grid, 0, 0);
+        let (mut wire, mut copy) = (belief(), GridCopy::default());
+        wire.write(&grid);
+        let followed = copy.follow(&wire).unwrap();
+        assert_same(followed, &grid);
+        assert_eq!(followed.rules(), rules);
+        wire.write(&Grid::new(grid.size(), 2).unwrap());
+        assert_eq!(copy.follow(&wire).unwrap().rules(), Rules::default(), "other rules, another grid");
     }
 
     #[test]

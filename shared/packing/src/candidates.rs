@@ -15,7 +15,7 @@ pub struct Candidate {
 /// yaw, `i` and `j`; if there are none, those of a fresh container.
 ///
 /// A feasible placement is a candidate when at one of its four footprint corners both outward neighbours are a
-/// wall or differ in height from the base; under partial support the corner itself must carry. Paper: "Conceptual
+/// wall or not level with the corner's cell, and that cell carries. Paper: "Conceptual
 /// approach", figure 5. `candidates` is cleared first.
 pub fn corner_candidates(grid: &Grid, extent: Extent, weights: &WalleWeights, candidates: &mut Vec<Candidate>) {
     candidates.clear();
@@ -76,7 +76,7 @@ fn push_places(surface: &Surface, turned: Extent, mut push: impl FnMut(u16, u16,
         for i in [low_i, high_i].into_iter().flatten().filter(|&i| i <= i_last) {
             for j in [low_j, high_j].into_iter().flatten().filter(|&j| j <= j_last) {
                 if let Some(base) = surface.rest_inside(turned, usize::from(i), usize::from(j))
-                    && surface.row(usize::from(corner.i))[usize::from(corner.j)] == base
+                    && surface.carries(corner.i, corner.j, base)
                 {
                     push(i, j, base);
                 }
@@ -89,16 +89,21 @@ fn push_places(surface: &Surface, turned: Extent, mut push: impl FnMut(u16, u16,
 #[cfg(test)]
 fn is_corner_place(surface: &Surface, turned: Extent, i: u16, j: u16, base: u16) -> bool {
     let size = surface.size();
-    let carries = |i: i32, j: i32| surface.row(i as usize)[j as usize] == base;
-    let differs = |i: i32, j: i32| {
+    let height = |i: i32, j: i32| surface.row(i as usize)[j as usize];
+    let level_cells = surface.rules().level_mm / size.cell_mm() as u16;
+    let carries = |i: i32, j: i32| height(i, j) >= base.saturating_sub(level_cells);
+    let differs = |(i, j): (i32, i32), corner: u16| {
         let inside = (0..i32::from(size.length())).contains(&i) && (0..i32::from(size.breadth())).contains(&j);
-        !inside || !carries(i, j)
+        !inside || height(i, j).abs_diff(corner) > level_cells
     };
     let (top, bottom) = (i32::from(i), i32::from(i + turned.length) - 1);
     let (left, right) = (i32::from(j), i32::from(j + turned.breadth) - 1);
-    [(top, -1, left, -1), (top, -1, right, 1), (bottom, 1, left, -1), (bottom, 1, right, 1)]
-        .into_iter()
-        .any(|(i, outward_i, j, outward_j)| carries(i, j) && differs(i + outward_i, j) && differs(i, j + outward_j))
+    [(top, -1, left, -1), (top, -1, right, 1), (bottom, 1, left, -1), (bottom, 1, right, 1)].into_iter().any(
+        |(i, outward_i, j, outward_j)| {
+            let corner = height(i, j);
+            carries(i, j) && differs((i + outward_i, j), corner) && differs((i, j + outward_j), corner)
+        },
+    )
 }
 
 /// The best place by score, with its score; the earliest of equals.
@@ -125,7 +130,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::{BoxSpec, ContainerSize, Support};
+    use crate::{BoxSpec, ContainerSize, Rules, Support};
 
     fn candidates(grid: &Grid, extent: Extent) -> Vec<Candidate> {
         let mut candidates = Vec::new();
@@ -170,16 +175,17 @@ mod tests {
 
     prop_compose! {
         /// A grid of three small containers with random boxes in the first two.
-        fn arb_grid()(l in 1u16..8, b in 1u16..8, h in 1u16..8, partial in any::<bool>())(
+        fn arb_grid()(l in 1u16..8, b in 1u16..8, h in 1u16..8, partial in any::<bool>(), level in 0u16..3, clearance_mm in 0u16..6)(
             drops in prop::collection::vec((0u16..2, 1u32..6, 1u32..6, 1u32..4, 0..l, 0..b), 0..24),
             size in Just(ContainerSize::new(l, b, h, 10).unwrap()),
             support in Just(if partial { Support::Partial } else { Support::Full }),
+            (level_mm, clearance_mm) in Just((10 * level, clearance_mm)),
         ) -> Grid {
-            let mut grid = Grid::with_support(size, 3, support).unwrap();
+            let mut grid = Grid::with_rules(size, 3, Rules { support, level_mm, clearance_mm }).unwrap();
             for (slot, l, b, h, i, j) in drops {
                 let spec = BoxSpec::new(1, [l * 10, b * 10, h * 10]).unwrap();
                 let surface = grid.slots()[usize::from(slot)].surface();
-                if let Ok(base) = surface.rest(spec.extent(10), i, j) {
+                if let Ok(base) = surface.rest(grid.extent(&spec), i, j) {
                     grid.place(&spec, Placement { slot, yaw: Yaw::Deg0, i, j, base }).unwrap();
                 }
             }

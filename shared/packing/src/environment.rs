@@ -93,6 +93,14 @@ impl Environment {
         &self.grid
     }
 
+    /// Believes what was measured of one container, as [`Grid::correct`].
+    ///
+    /// # Panics
+    /// As [`Grid::correct`].
+    pub fn correct(&mut self, slot: u16, heights: &[u16]) {
+        self.grid.correct(slot, heights);
+    }
+
     /// The boxes that stand in containers, in the order they were placed.
     #[must_use]
     pub fn placed(&self) -> &[PlacedBox] {
@@ -110,7 +118,7 @@ impl Environment {
         spec: &BoxSpec,
         mut choose: impl FnMut(&Grid, Extent) -> Option<Placement>,
     ) -> Result<Step, PlaceError> {
-        let extent = spec.extent(self.grid.size().cell_mm());
+        let extent = self.grid.extent(spec);
         let mut choice = choose(&self.grid, extent);
         if choice.is_none()
             && (self.packed_cells.len() as u64) < u64::from(self.containers_max)
@@ -127,7 +135,7 @@ impl Environment {
         };
         self.grid.place(spec, placement)?;
         let container = self.grid.slots()[usize::from(placement.slot)].container();
-        self.packed_cells[container as usize] += extent.volume_cells();
+        self.packed_cells[container as usize] += spec.extent(self.grid.size().cell_mm()).volume_cells();
         self.placed.push(PlacedBox { spec: *spec, placement, container });
         Ok(Step::Placed(placement))
     }

@@ -1,11 +1,12 @@
 //! All containers that stand in the cell.
 
-use crate::{BoxSpec, ContainerSize, Extent, Infeasible, Placement, SizeError, Support, Surface};
+use crate::{BoxSpec, ContainerSize, Extent, Infeasible, Placement, Rules, SizeError, Surface};
 
 /// The heights of all containers, slot by slot, and how often any of them changed.
 #[derive(Clone, Debug)]
 pub struct Grid {
     size: ContainerSize,
+    rules: Rules,
     revision: u64,
     slots: Vec<Slot>,
 }
@@ -76,29 +77,41 @@ impl Slot {
 }
 
 impl Grid {
-    /// A grid of `slots` empty containers, numbered from 0, at revision 0, for boxes that need full support.
+    /// A grid of `slots` empty containers, numbered from 0, at revision 0, by the paper's rules.
     ///
     /// # Errors
     /// [`SizeError`] beyond the limits of a grid.
     pub fn new(size: ContainerSize, slots: usize) -> Result<Self, SizeError> {
-        Self::with_support(size, slots, Support::Full)
+        Self::with_rules(size, slots, Rules::default())
     }
 
-    /// As [`Grid::new`], for boxes that need this support.
+    /// As [`Grid::new`], by these rules.
     ///
     /// # Errors
     /// [`SizeError`] beyond the limits of a grid.
-    pub fn with_support(size: ContainerSize, slots: usize, support: Support) -> Result<Self, SizeError> {
+    pub fn with_rules(size: ContainerSize, slots: usize, rules: Rules) -> Result<Self, SizeError> {
         size.check_slots(slots)?;
-        let surface = Surface::with_support(size, support);
+        let surface = Surface::with_rules(size, rules);
         let slot = |container| Slot { container, revision: 0, boxes: 0, surface: surface.clone() };
-        Ok(Self { size, revision: 0, slots: (0..slots as u32).map(slot).collect() })
+        Ok(Self { size, rules, revision: 0, slots: (0..slots as u32).map(slot).collect() })
     }
 
     /// The size of every container.
     #[must_use]
     pub fn size(&self) -> ContainerSize {
         self.size
+    }
+
+    /// What a box may stand on, and how near to anything.
+    #[must_use]
+    pub fn rules(&self) -> Rules {
+        self.rules
+    }
+
+    /// The room that a box takes at yaw 0: what every question about a place for it is asked with.
+    #[must_use]
+    pub fn extent(&self, spec: &BoxSpec) -> Extent {
+        self.rules.extent(spec, self.size)
     }
 
     /// Counts every change of the grid.
@@ -154,7 +167,7 @@ impl Grid {
     /// # Errors
     /// [`PlaceError`] as [`Grid::check`]; the grid is then unchanged.
     pub fn place(&mut self, spec: &BoxSpec, placement: Placement) -> Result<(), PlaceError> {
-        let extent = spec.extent(self.size.cell_mm());
+        let extent = self.extent(spec);
         self.check(extent, placement)?;
         self.revision += 1;
         let slot = &mut self.slots[usize::from(placement.slot)];
@@ -172,7 +185,7 @@ impl Grid {
         let slots = self.slots.len();
         let target = self.slots.get_mut(usize::from(slot)).ok_or(PlaceError::NoSuchSlot { slot, slots })?;
         self.revision += 1;
-        let surface = Surface::with_support(self.size, target.surface.support());
+        let surface = Surface::with_rules(self.size, self.rules);
         *target = Slot { container, revision: self.revision, boxes: 0, surface };
         Ok(())
     }
@@ -184,6 +197,17 @@ impl Grid {
     pub fn update_slot(&mut self, slot: u16, container: u32, boxes: u32, revision: u64, heights: &[u16]) {
         let target = &mut self.slots[usize::from(slot)];
         (target.container, target.boxes, target.revision) = (container, boxes, revision);
+        target.surface.set_heights(heights);
+    }
+
+    /// Believes what was measured of one container; the grid's revision moves on.
+    ///
+    /// # Panics
+    /// If there is no such slot, or there are not as many heights as a container has cells.
+    pub fn correct(&mut self, slot: u16, heights: &[u16]) {
+        self.revision += 1;
+        let target = &mut self.slots[usize::from(slot)];
+        target.revision = self.revision;
         target.surface.set_heights(heights);
     }
 
@@ -227,6 +251,15 @@ mod tests {
         assert_eq!(grid.place(&cube(20), at(0, 0, 0, 1)), Err(PlaceError::OtherBase { planned: 1, found: 0 }));
         assert_eq!(grid.place(&cube(20), at(0, 3, 0, 0)), Err(Infeasible::OutsideFootprint.into()));
         assert_eq!(grid.revision(), 0);
+    }
+
+    #[test]
+    fn a_correction_moves_the_revision_and_opens_nothing() {
+        let mut grid = grid();
+        grid.correct(1, &[2; 16]);
+        assert_eq!((grid.revision(), grid.slots()[1].revision(), grid.slots()[0].revision()), (1, 1, 0));
+        assert_eq!(grid.slots()[1].surface().rest(cube(20).extent(10), 0, 0), Ok(2));
+        assert_eq!(grid.open_slots().count(), 0);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! # Words
 //!
 //! - **box** ([`BoxSpec`]): a cuboid on the belt, with identity and millimetre dimensions.
-//! - **extent** ([`Extent`]): a box rounded up to whole grid cells, at one yaw.
+//! - **extent** ([`Extent`]): a box, with the clearance that the [`Rules`] ask for, in whole grid cells, at one yaw.
 //! - **container** ([`ContainerSize`]): what is filled. It stands in a **slot** of the [`Grid`].
 //! - **surface** ([`Surface`]): the heights of one container, seen from above.
 //! - **grid** ([`Grid`]): all containers that stand in the cell, and how often they changed (its revision).
@@ -28,6 +28,7 @@ mod geometry;
 mod grid;
 mod harmonic;
 mod heuristics;
+mod rules;
 mod support;
 mod surface;
 mod walle;
@@ -43,6 +44,7 @@ pub use geometry::{
 pub use grid::{Grid, PlaceError, Slot};
 pub use harmonic::{HarmonicColumns, random_place};
 pub use heuristics::{ContainerOrder, Heuristic, HeuristicError};
+pub use rules::Rules;
 pub use support::Support;
 pub use surface::{Corner, Infeasible, Surface};
 pub use walle::{WalleWeights, WeightsError};

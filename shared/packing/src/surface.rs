@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::{ContainerSize, Extent, Support};
+use crate::{ContainerSize, Extent, Rules, Support};
 
 /// One container seen from above: the height of every cell, row by row along `i`.
 ///
@@ -11,7 +11,9 @@ use crate::{ContainerSize, Extent, Support};
 #[derive(Clone, Debug)]
 pub struct Surface {
     size: ContainerSize,
-    support: Support,
+    rules: Rules,
+    /// The largest difference of heights that counts as level.
+    level_cells: u16,
     heights: Vec<u16>,
     /// Cells from here on along `i` that have this cell's height, at least 1.
     run_i: Vec<u16>,
@@ -23,21 +25,20 @@ pub struct Surface {
 
 /// A cell at which a footprint's corner meets a corner of the container or of the loaded structure.
 ///
-/// At least one pair of neighbours (one along `i`, one along `j`) is a wall or has another height than the
-/// cell. Paper: "Conceptual approach" and figure 5. It depends on the surface alone, not on any box.
+/// At least one pair of neighbours (one along `i`, one along `j`) is a wall or not level with the cell. Paper: "Conceptual approach" and figure 5. It depends on the surface alone, not on any box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Corner {
     /// The cell along `i`.
     pub i: u16,
     /// The cell along `j`.
     pub j: u16,
-    /// The neighbour towards smaller `i` is a wall or another height.
+    /// The neighbour towards smaller `i` is a wall or not level.
     pub towards_low_i: bool,
-    /// The neighbour towards larger `i` is a wall or another height.
+    /// The neighbour towards larger `i` is a wall or not level.
     pub towards_high_i: bool,
-    /// The neighbour towards smaller `j` is a wall or another height.
+    /// The neighbour towards smaller `j` is a wall or not level.
     pub towards_low_j: bool,
-    /// The neighbour towards larger `j` is a wall or another height.
+    /// The neighbour towards larger `j` is a wall or not level.
     pub towards_high_j: bool,
 }
 
@@ -59,18 +60,19 @@ pub enum Infeasible {
 }
 
 impl Surface {
-    /// An empty container whose boxes need full support.
+    /// An empty container that is filled by the paper's rules.
     #[must_use]
     pub fn empty(size: ContainerSize) -> Self {
-        Self::with_support(size, Support::Full)
+        Self::with_rules(size, Rules::default())
     }
 
-    /// An empty container whose boxes need this support.
+    /// An empty container that is filled by these rules.
     #[must_use]
-    pub fn with_support(size: ContainerSize, support: Support) -> Self {
+    pub fn with_rules(size: ContainerSize, rules: Rules) -> Self {
         let nothing = vec![0; size.footprint_cells()];
         let (run_i, run_j) = (nothing.clone(), nothing.clone());
-        let mut surface = Self { size, support, heights: nothing, run_i, run_j, corners: Vec::new() };
+        let level_cells = rules.level_cells(size.cell_mm());
+        let mut surface = Self { size, rules, level_cells, heights: nothing, run_i, run_j, corners: Vec::new() };
         surface.refresh_all();
         surface
     }
@@ -90,10 +92,10 @@ impl Surface {
         self.size
     }
 
-    /// What a box needs under its base.
+    /// What a box may stand on, and how near to anything.
     #[must_use]
-    pub fn support(&self) -> Support {
-        self.support
+    pub fn rules(&self) -> Rules {
+        self.rules
     }
 
     /// All heights [cells], row by row along `i`.
@@ -118,7 +120,7 @@ impl Surface {
     /// The base height [cells] at which a box of `extent` (already turned) would rest at `(i, j)`.
     ///
     /// This is the definition of feasible, cell by cell: inside the footprint, the base supported as [`Support`]
-    /// says, top not above `H`. Paper: "Robot-implementability".
+    /// says by cells that are level with the highest, top not above `H`. Paper: "Robot-implementability".
     ///
     /// # Errors
     /// [`Infeasible`] names the first rule it breaks.
@@ -132,12 +134,13 @@ impl Surface {
         let cell = |i: u16, j: u16| self.row(usize::from(i))[usize::from(j)];
         let cells = || (i..i_end).flat_map(|row| &self.row(usize::from(row))[usize::from(j)..usize::from(j_end)]);
         let base = cells().copied().max().unwrap_or(0);
-        let level = cells().filter(|&&height| height == base).count();
-        match self.support {
+        let carries = |height: u16| base - height <= self.level_cells;
+        let level = cells().filter(|&&height| carries(height)).count();
+        match self.rules.support {
             Support::Full if level < cells().count() => return Err(Infeasible::NotLevel),
             Support::Partial => {
                 let corners = [cell(i, j), cell(i, j_end - 1), cell(i_end - 1, j), cell(i_end - 1, j_end - 1)];
-                let level_corners = corners.into_iter().filter(|&height| height == base).count();
+                let level_corners = corners.into_iter().filter(|&height| carries(height)).count();
                 if !Support::suffices(level as u64, cells().count() as u64, level_corners) {
                     return Err(Infeasible::Unsupported);
                 }
@@ -150,9 +153,15 @@ impl Surface {
         Ok(base)
     }
 
+    /// Whether the cell carries a box whose base is at `base` [cells].
+    pub(crate) fn carries(&self, i: u16, j: u16, base: u16) -> bool {
+        base - self.row(usize::from(i))[usize::from(j)] <= self.level_cells
+    }
+
     /// As [`Surface::rest`], fast, for a footprint known to lie inside the container.
     pub(crate) fn rest_inside(&self, extent: Extent, i: usize, j: usize) -> Option<u16> {
-        match self.support {
+        match self.rules.support {
+            _ if self.level_cells > 0 => self.rest(extent, i as u16, j as u16).ok(),
             Support::Full => self.rest_level(extent, i, j),
             Support::Partial => self.rest_partial(extent, i, j),
         }
@@ -265,18 +274,20 @@ impl Surface {
     fn refresh_corners(&mut self) {
         let (length, breadth) = (usize::from(self.size.length()), usize::from(self.size.breadth()));
         self.corners.clear();
+        let level_cells = self.level_cells;
         for i in 0..length {
             let row = i * breadth;
             for j in 0..breadth {
                 let here = row + j;
                 let height = self.heights[here];
-                let towards_low_j = j == 0 || self.heights[here - 1] != height;
-                let towards_high_j = j + 1 == breadth || self.heights[here + 1] != height;
+                let differs = |other: usize| self.heights[other].abs_diff(height) > level_cells;
+                let towards_low_j = j == 0 || differs(here - 1);
+                let towards_high_j = j + 1 == breadth || differs(here + 1);
                 if !(towards_low_j || towards_high_j) {
                     continue;
                 }
-                let towards_low_i = i == 0 || self.heights[here - breadth] != height;
-                let towards_high_i = i + 1 == length || self.heights[here + breadth] != height;
+                let towards_low_i = i == 0 || differs(here - breadth);
+                let towards_high_i = i + 1 == length || differs(here + breadth);
                 if towards_low_i || towards_high_i {
                     let (i, j) = (i as u16, j as u16);
                     self.corners.push(Corner { i, j, towards_low_i, towards_high_i, towards_low_j, towards_high_j });
@@ -315,18 +326,18 @@ impl Iterator for FeasibleInRow<'_> {
     type Item = (u16, u16, u16);
 
     fn next(&mut self) -> Option<Self::Item> {
-        match self.surface.support {
-            Support::Full => self.next_level(),
-            Support::Partial => self.next_partial(),
+        match self.surface.rules.support {
+            Support::Full if self.surface.level_cells == 0 => self.next_level(),
+            Support::Full | Support::Partial => self.next_place(),
         }
     }
 }
 
 impl FeasibleInRow<'_> {
-    fn next_partial(&mut self) -> Option<(u16, u16, u16)> {
+    fn next_place(&mut self) -> Option<(u16, u16, u16)> {
         while self.j + self.extent.breadth <= self.surface.size.breadth() {
             self.j += 1;
-            if let Some(base) = self.surface.rest_partial(self.extent, self.i.into(), (self.j - 1).into()) {
+            if let Some(base) = self.surface.rest_inside(self.extent, self.i.into(), (self.j - 1).into()) {
                 return Some((self.i, self.j - 1, base));
             }
         }
@@ -373,10 +384,15 @@ mod tests {
     /// A small container with boxes dropped wherever they are feasible.
     pub(crate) fn arb_surface() -> impl Strategy<Value = Surface> {
         let support = prop_oneof![Just(Support::Full), Just(Support::Partial)];
-        (1u16..9, 1u16..9, 1u16..9, support).prop_flat_map(|(l, b, h, support)| {
+        let rules = (support, prop_oneof![Just(0), 10u16..30]).prop_map(|(support, level_mm)| Rules {
+            support,
+            level_mm,
+            ..Rules::default()
+        });
+        (1u16..9, 1u16..9, 1u16..9, rules).prop_flat_map(|(l, b, h, rules)| {
             let drops = prop::collection::vec((1u16..=l, 1u16..=b, 1u16..=h, 0..l, 0..b), 0..12);
             drops.prop_map(move |drops| {
-                let mut surface = Surface::with_support(ContainerSize::new(l, b, h, 10).unwrap(), support);
+                let mut surface = Surface::with_rules(ContainerSize::new(l, b, h, 10).unwrap(), rules);
                 for (dl, db, dh, i, j) in drops {
                     let _infeasible_drops_are_skipped = surface.place(extent(dl, db, dh), i, j);
                 }
@@ -406,13 +422,28 @@ mod tests {
     /// A 2 x 2 box of height 3 in the corner, and a larger one that would stand on it.
     #[test]
     fn partial_support_by_hand() {
-        let mut surface = Surface::with_support(ContainerSize::new(9, 9, 9, 10).unwrap(), Support::Partial);
+        let mut surface = Surface::with_rules(ContainerSize::new(9, 9, 9, 10).unwrap(), Support::Partial.into());
         surface.place(extent(2, 2, 3), 0, 0).unwrap();
         assert_eq!(surface.rest(extent(2, 3, 1), 0, 0), Err(Infeasible::Unsupported), "two corners, 4 of 6 cells");
         surface.place(extent(2, 2, 3), 0, 3).unwrap();
         assert_eq!(surface.rest(extent(2, 5, 1), 0, 0), Ok(3), "four corners, 8 of 10 cells");
         assert_eq!(surface.place(extent(2, 5, 1), 0, 0), Ok(3));
         assert_eq!(surface.row(0), [4, 4, 4, 4, 4, 0, 0, 0, 0]);
+    }
+
+    /// A step of one cell is level by this rule, one of two is not; what stands on both stands on the higher.
+    #[test]
+    fn a_tolerance_by_hand() {
+        let rules = Rules { level_mm: 19, ..Rules::default() };
+        let mut surface = Surface::with_rules(ContainerSize::new(1, 4, 9, 10).unwrap(), rules);
+        surface.set_heights(&[3, 2, 1, 1]);
+        assert_eq!(surface.rest(extent(1, 2, 1), 0, 0), Ok(3));
+        assert_eq!(surface.rest(extent(1, 3, 1), 0, 0), Err(Infeasible::NotLevel));
+        assert_eq!(surface.rest(extent(1, 3, 1), 0, 1), Ok(2));
+        let corners: Vec<_> = surface.corners().iter().map(|c| (c.j, c.towards_low_j, c.towards_high_j)).collect();
+        assert_eq!(corners, [(0, true, false), (3, false, true)], "the walls and no step");
+        surface.place(extent(1, 2, 1), 0, 0).unwrap();
+        assert_eq!(surface.heights(), [4, 4, 1, 1]);
     }
 
     #[test]
@@ -443,7 +474,7 @@ mod tests {
 
         #[test]
         fn placing_keeps_what_a_full_refresh_would_give(surface in arb_surface()) {
-            let mut fresh = Surface::with_support(surface.size(), surface.support());
+            let mut fresh = Surface::with_rules(surface.size(), surface.rules());
             fresh.set_heights(surface.heights());
             prop_assert_eq!(&fresh.run_i, &surface.run_i);
             prop_assert_eq!(&fresh.run_j, &surface.run_j);
@@ -459,7 +490,7 @@ mod tests {
                 Ok(_) => {
                     let sum = |s: &Surface| s.heights().iter().map(|&h| u64::from(h)).sum::<u64>();
                     let risen = sum(&after) - sum(&surface);
-                    prop_assert!(risen == extent.volume_cells() || surface.support() == Support::Partial);
+                    prop_assert!(risen == extent.volume_cells() || surface.rules() != Rules::default());
                     prop_assert!(risen >= extent.volume_cells(), "what lies under an overhang is lost too");
                 }
             }

@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use messages::Instance;
-use packing::{ClosePolicy, ContainerSize, SizeError, WalleWeights, WeightsError};
+use packing::{ClosePolicy, ContainerSize, Rules, SizeError, Support, WalleWeights, WeightsError};
 use serde::{Deserialize, Serialize};
 use tracing_subscriber::filter::LevelFilter;
 
@@ -20,6 +20,8 @@ pub struct Config {
     pub state: StateConfig,
     /// What is filled.
     pub container: ContainerConfig,
+    /// What a box may stand on, and how near to anything.
+    pub rules: RulesConfig,
     /// The stub of the physical side.
     pub perception: PerceptionConfig,
     /// The candidate generator.
@@ -64,6 +66,16 @@ pub struct ContainerConfig {
     pub cell_mm: u32,
     /// Containers that stand in the cell.
     pub slots: usize,
+}
+
+/// What a box may stand on, and how near to anything. Perception publishes it with the belief; nobody else reads it here.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RulesConfig {
+    /// What a box keeps free on each of its sides [mm].
+    pub clearance_mm: u16,
+    /// Heights that differ by no more count as level [mm].
+    pub level_mm: u16,
 }
 
 /// The stub of the physical side.
@@ -329,6 +341,13 @@ impl Config {
         Ok(size)
     }
 
+    /// What a box may stand on, and how near to anything.
+    #[must_use]
+    pub fn rules(&self) -> Rules {
+        let RulesConfig { clearance_mm, level_mm } = self.rules;
+        Rules { support: Support::Full, clearance_mm, level_mm }
+    }
+
     /// WallE's weights.
     ///
     /// # Errors
@@ -359,6 +378,9 @@ impl Config {
         };
         self.container_size()?;
         self.close_policy()?;
+        let RulesConfig { clearance_mm, level_mm } = self.rules;
+        in_range("rules.clearance_mm", clearance_mm.into(), 0..=500, "it must be at most half a metre")?;
+        in_range("rules.level_mm", level_mm.into(), 0..=500, "it must be at most half a metre")?;
         let CommanderConfig { soft_deadline_ms, hard_deadline_ms, .. } = self.commander;
         in_range("commander.hard_deadline_ms", hard_deadline_ms, 1..=1000, "it must be 1 to 1000 ms")?;
         let rule = "it must not be later than commander.hard_deadline_ms";
@@ -467,6 +489,8 @@ mod tests {
         refused("", &["commander.close_policy=best"], "never, oldest, fullest");
         refused("", &["container.slots=99"], "a grid has 1 to 64 slots");
         refused("", &["perception.upcoming=9"], "at most 8");
+        refused("", &["rules.clearance_mm=501"], "half a metre");
+        refused("", &["rules.clearance_mm=-1"], "invalid value");
         refused("", &["candidates.walle_weights=[1.0, nan, 1.0, 1.0, 1.0]"], "five numbers of 0 or more");
         refused("[log]\nlevel = \"loud\"\n", &[], "unknown variant `loud`");
         let message = Config::load(Path::new("/nonexistent.toml"), &[]).unwrap_err().to_string();

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 use dataset::{DataSet, ReadOptions};
 use indicatif::{ProgressBar, ProgressStyle};
-use packing::{ClosePolicy, ContainerOrder, ContainerSize, Support, WalleWeights};
+use packing::{ClosePolicy, ContainerOrder, ContainerSize, Rules, Support, WalleWeights};
 
 use crate::method::{Method, Settings};
 use crate::output;
@@ -53,6 +53,12 @@ pub(crate) struct EvaluateArgs {
     /// corners and 85 %, or four and 60 %).
     #[arg(long, default_value = "full")]
     support: Support,
+    /// What a box keeps free on each of its sides, in millimetres.
+    #[arg(long, value_name = "MM", default_value_t = 0)]
+    clearance: u16,
+    /// Heights that differ by no more count as level, in millimetres.
+    #[arg(long, value_name = "MM", default_value_t = 0)]
+    level: u16,
     /// Order in which every method goes through the open containers: first-that-fits or all-open (each method's
     /// published reading).
     #[arg(long)]
@@ -167,7 +173,7 @@ fn conditions(args: &EvaluateArgs, slots: usize) -> Conditions {
         close: args.close,
         containers_max,
         stop_at_misfit: args.stop_at_misfit,
-        support: args.support,
+        rules: Rules { support: args.support, clearance_mm: args.clearance, level_mm: args.level },
         lookahead: args.lookahead as usize,
         seed: args.seed,
     }

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use comfy_table::{CellAlignment, presets};
+use packing::Rules;
 use report::{Page, Table, box_plot_groups, box_plots, isometric, standalone};
 use serde::Serialize;
 
@@ -60,10 +61,14 @@ fn about(evaluated: &Evaluated) -> String {
         set.episodes.len(),
         set.container,
         conditions.slots,
-        conditions.support
+        conditions.rules.support
     );
     if let Some(optimum) = set.optimum {
         let _ = write!(about, ", optimum {optimum}");
+    }
+    let Rules { clearance_mm, level_mm, .. } = conditions.rules;
+    if (clearance_mm, level_mm) != (0, 0) {
+        let _ = write!(about, ", clearance {clearance_mm} mm, level within {level_mm} mm");
     }
     if conditions.stop_at_misfit {
         about.push_str(", until the first box that does not fit");
@@ -145,6 +150,8 @@ struct SetFigures<'a> {
     optimum: Option<u32>,
     open: usize,
     support: String,
+    clearance_mm: u16,
+    level_mm: u16,
     skipped_boxes: usize,
     skipped_episodes: usize,
     methods: Vec<MethodFigures<'a>>,
@@ -173,7 +180,9 @@ pub(crate) fn json(seed: u64, evaluated: &[Evaluated]) -> anyhow::Result<String>
         boxes: set.episodes.iter().map(Vec::len).sum(),
         optimum: set.optimum,
         open: conditions.slots,
-        support: conditions.support.to_string(),
+        support: conditions.rules.support.to_string(),
+        clearance_mm: conditions.rules.clearance_mm,
+        level_mm: conditions.rules.level_mm,
         skipped_boxes: set.skipped.boxes,
         skipped_episodes: set.skipped.episodes,
         methods: trials.iter().map(method_figures).collect(),

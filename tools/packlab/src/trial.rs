@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use dataset::DataSet;
-use packing::{ClosePolicy, Environment, Extent, Grid, Outcome, PlacedBox, Step, Support};
+use packing::{ClosePolicy, Environment, Extent, Grid, Outcome, PlacedBox, Rules, Step};
 use rayon::prelude::*;
 
 use crate::method::Method;
@@ -19,8 +19,8 @@ pub(crate) struct Conditions {
     pub(crate) containers_max: u32,
     /// An episode ends at the first box that finds no place.
     pub(crate) stop_at_misfit: bool,
-    /// What a box needs under its base.
-    pub(crate) support: Support,
+    /// What a box may stand on, and how near to anything.
+    pub(crate) rules: Rules,
     /// Boxes known after the current one.
     pub(crate) lookahead: usize,
     /// For methods that draw.
@@ -88,8 +88,8 @@ pub(crate) fn picture(
 #[expect(clippy::disallowed_methods, reason = "the time of a decision is what is measured")]
 fn pack(set: &DataSet, episode: usize, method: &Method, conditions: &Conditions) -> anyhow::Result<Packed> {
     let boxes = &set.episodes[episode];
-    let extents: Vec<Extent> = boxes.iter().map(|spec| spec.extent(set.container.cell_mm())).collect();
-    let grid = Grid::with_support(set.container, conditions.slots, conditions.support)?;
+    let grid = Grid::with_rules(set.container, conditions.slots, conditions.rules)?;
+    let extents: Vec<Extent> = boxes.iter().map(|spec| grid.extent(spec)).collect();
     let mut environment = Environment::on(grid, conditions.close).with_containers_max(conditions.containers_max);
     let mut chooser = method.chooser(conditions.seed, episode)?;
     let mut decisions_ns = Vec::with_capacity(boxes.len());
