@@ -36,6 +36,22 @@ fn four_processes_pack_exactly_as_one_would() {
     assert_eq!(demo.number("/competitive_ratio"), outcome.competitive_ratio.unwrap());
 }
 
+/// An arm with errors of 5 mm, a camera with errors of 1 mm, and 1 cm around every box.
+#[test]
+fn an_arm_that_errs_loses_no_box_and_hits_none() {
+    let clearance = ["--seed", "7", "--policy", "walle", "--set", "rules.clearance_mm=10"];
+    let errors = ["world.actuator_mm=5", "world.camera_shift_mm=1", "belief.source=camera"];
+    let errors: Vec<&str> = errors.iter().flat_map(|setting| ["--set", setting]).collect();
+    let perfect = Demo::run(&clearance);
+    let demo = Demo::run(&[&clearance[..], &errors].concat());
+    assert_eq!(demo.number("/placed"), demo.number("/boxes"));
+    assert_eq!((demo.number("/set_aside"), demo.number("/doubled")), (0.0, 0.0));
+    assert!(!demo.stderr().contains("collided"), "{}", demo.stderr());
+    // One episode's c moves in steps of a tenth.
+    assert!(demo.number("/competitive_ratio") <= perfect.number("/competitive_ratio") + 0.11);
+    demo.assert_nothing_is_left();
+}
+
 #[test]
 fn two_cells_side_by_side_do_not_meet() {
     let demos = [Demo::begin(&["--seed", "5"]), Demo::begin(&["--seed", "6"])].map(crate::harness::RunningDemo::finish);

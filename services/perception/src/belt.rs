@@ -164,6 +164,12 @@ impl Belt {
         Some(spec)
     }
 
+    /// The box that was taken last, in this episode.
+    #[must_use]
+    pub fn taken(&self) -> Option<BoxSpec> {
+        self.next.checked_sub(1).and_then(|index| self.numbered(index))
+    }
+
     /// The boxes behind the one taken last, as far as the episode goes.
     pub fn upcoming(&self) -> impl Iterator<Item = BoxSpec> {
         (self.next..self.boxes.len()).map_while(|index| self.numbered(index))

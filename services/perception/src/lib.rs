@@ -8,6 +8,7 @@
 //! is told, so that a restarted stub finds the containers, the belt and the arm as they stand.
 
 mod belt;
+mod reality;
 mod world;
 
 use messages::{
@@ -21,6 +22,7 @@ use serde::{Deserialize, Serialize};
 use world::Moving;
 
 pub use belt::{Belt, Position, StreamError};
+pub use reality::Reality;
 pub use world::{World, WorldError};
 
 /// How the stub behaves.
@@ -40,7 +42,10 @@ pub struct Behaviour {
 #[derive(Debug)]
 pub struct Perception {
     behaviour: Behaviour,
+    /// What is believed of the containers.
     grid: Grid,
+    /// How they really are, if that is kept apart.
+    reality: Option<Reality>,
     /// Identity of the next container that is brought in.
     next_container: u32,
     belt: Belt,
@@ -106,6 +111,8 @@ enum Refusal {
     NotPresent { commanded: u64, revision: u64 },
     #[error("the commanded motion is impossible: {0}")]
     Impossible(#[from] packing::PlaceError),
+    #[error("the arm fails (world.refuse_share)")]
+    Arm,
 }
 
 impl Perception {
@@ -115,7 +122,7 @@ impl Perception {
         let next_container = grid.slots().len() as u32;
         let (phase, tally) = (Phase::Waiting, Tally::default());
         let (due_ns, taken, last, is_changed) = (now_ns, 0, None, true);
-        Self { behaviour, grid, next_container, belt, phase, due_ns, taken, last, is_changed, tally }
+        Self { behaviour, grid, reality: None, next_container, belt, phase, due_ns, taken, last, is_changed, tally }
     }
 
     /// The world as it was left, whose next box is due at `now_ns`. A motion that was under way begins anew.
@@ -138,7 +145,27 @@ impl Perception {
         }
         let (next_container, taken, last, is_changed) = (world.next_container, world.taken, world.last, false);
         let (due_ns, tally) = (now_ns, Tally::default());
-        Ok(Self { behaviour, grid, next_container, belt, phase, due_ns, taken, last, is_changed, tally })
+        let reality = None;
+        Ok(Self { behaviour, grid, reality, next_container, belt, phase, due_ns, taken, last, is_changed, tally })
+    }
+
+    /// The same in a true world, which goes on from how `world` was left.
+    ///
+    /// # Errors
+    /// [`WorldError::OtherReality`] if boxes stand there of which the true world knows nothing.
+    pub fn in_reality(mut self, reality: Option<Reality>, world: Option<&World>) -> Result<Self, WorldError> {
+        self.reality = reality;
+        let Some(reality) = &mut self.reality else { return Ok(self) };
+        match world.map(|world| &world.standing) {
+            Some(Some(slots)) if reality.go_on(slots) => {}
+            None => {}
+            Some(None) if !self.grid.slots().iter().any(packing::Slot::is_open) => {}
+            Some(_) => return Err(WorldError::OtherReality),
+        }
+        if let Phase::Moving { spec, .. } | Phase::Present { spec, .. } = &mut self.phase {
+            *spec = reality.measured(spec);
+        }
+        Ok(self)
     }
 
     /// What whoever begins to listen has to know: the containers, and the arm's last report.
@@ -155,6 +182,7 @@ impl Perception {
         let position = self.belt.position(is_box_out);
         let mut world = World::of(&self.grid, self.next_container, position, self.taken);
         (world.moving, world.last) = (moving, self.last);
+        world.standing = self.reality.as_ref().map(|reality| reality.standing().to_vec());
         world
     }
 
@@ -169,9 +197,17 @@ impl Perception {
         match result {
             Ok(()) => {
                 self.is_changed = false;
-                self.tally.clear_alarm();
+                self.say_alarm();
             }
             Err(error) => self.tally.raise(error),
+        }
+    }
+
+    /// What a person should know of the containers, if anything.
+    fn say_alarm(&mut self) {
+        match self.reality.as_ref().and_then(Reality::alarm) {
+            Some(alarm) => self.tally.raise(&alarm),
+            None => self.tally.clear_alarm(),
         }
     }
 
@@ -214,6 +250,21 @@ impl Perception {
 
     /// The next box comes to the pick position, or the episode ends, or the stream.
     fn bring_next(&mut self, now_ns: u64, say: &mut Vec<Say>) {
+        if let Some(reality) = &mut self.reality {
+            let revision = self.grid.revision();
+            let may_go_on = reality.may_take_boxes(&mut self.grid);
+            if self.grid.revision() != revision {
+                // What the camera saw at last is kept and said first.
+                say.push(Say::Belief);
+                self.is_changed = true;
+                return;
+            }
+            self.say_alarm();
+            if !may_go_on {
+                self.due_ns = now_ns + self.behaviour.repeat_ns;
+                return;
+            }
+        }
         if self.belt.episode_is_over() {
             if !self.belt.begin_episode(&mut self.tally) {
                 self.phase = Phase::Ended;
@@ -231,6 +282,7 @@ impl Perception {
             }
         }
         if let Some(spec) = self.belt.take_next() {
+            let spec = self.measured(&spec);
             self.due_ns = if self.behaviour.pace_ns == 0 { now_ns } else { self.due_ns + self.behaviour.pace_ns };
             self.phase = Phase::Present { spec, observed_ns: now_ns, repeat_at_ns: now_ns };
         }
@@ -251,7 +303,7 @@ impl Perception {
                 }
             }
             Err(Refusal::NotPresent { .. }) => self.tally.pass_over(),
-            Err(refusal @ (Refusal::Malformed(_) | Refusal::Impossible(_))) => {
+            Err(refusal @ (Refusal::Malformed(_) | Refusal::Impossible(_) | Refusal::Arm)) => {
                 self.tally.refuse(&refusal);
                 let (order, box_id, revision) = (command.order, command.spec.id, command.revision);
                 let (action, outcome) = (command.action, MotionOutcome::Refused);
@@ -281,6 +333,9 @@ impl Perception {
                 Motion::Replace { slot }
             }
         };
+        if self.reality.as_ref().is_some_and(|reality| reality.refuses(command.order)) {
+            return Err(Refusal::Arm);
+        }
         Ok((spec, motion))
     }
 
@@ -289,9 +344,9 @@ impl Perception {
         let Moving { order, revision, motion } = moving;
         let action = match motion {
             Motion::Place(placement) => {
-                // Nothing but the arm changes the containers, so what was checked before the motion still holds.
+                // Nothing but the arm changes the belief, so what was checked before the motion still holds.
                 let placed = Placement::try_from(placement).map_err(Refusal::from);
-                if let Err(error) = placed.and_then(|placement| Ok(self.grid.place(&spec, placement)?)) {
+                if let Err(error) = placed.and_then(|placement| self.place(&spec, placement)) {
                     self.tally.refuse(&error);
                 }
                 Action::Place
@@ -320,10 +375,28 @@ impl Perception {
         };
     }
 
+    /// The box is believed to stand where it was commanded to, or where it is seen.
+    fn place(&mut self, spec: &BoxSpec, placement: Placement) -> Result<(), Refusal> {
+        let Some(reality) = &mut self.reality else { return Ok(self.grid.place(spec, placement)?) };
+        let slot = self.grid.slots().get(usize::from(placement.slot));
+        let before = slot.map(|slot| slot.surface().heights().to_vec()).unwrap_or_default();
+        self.grid.place(spec, placement)?;
+        let real = self.belt.taken().unwrap_or(*spec);
+        reality.set_down(&real, spec, placement, before, &mut self.grid);
+        Ok(())
+    }
+
     fn replace(&mut self, slot: u16) {
         if self.grid.replace(slot, self.next_container).is_ok() {
             self.next_container += 1;
+            if let Some(reality) = &mut self.reality {
+                reality.replace(slot);
+            }
         }
+    }
+
+    fn measured(&self, spec: &BoxSpec) -> BoxSpec {
+        self.reality.as_ref().map_or(*spec, |reality| reality.measured(spec))
     }
 
     /// Writes what lies on the belt.
@@ -337,7 +410,8 @@ impl Perception {
         queue.belt = state.to_wire();
         queue.revision = self.grid.revision();
         queue.current = current.map_or(WireBox::default(), WireBox::from);
-        queue.write_upcoming(self.belt.upcoming().take(self.behaviour.upcoming.min(UPCOMING_MAX)));
+        let upcoming = self.belt.upcoming().take(self.behaviour.upcoming.min(UPCOMING_MAX));
+        queue.write_upcoming(upcoming.map(|spec| self.measured(&spec)));
         (queue.taken, queue.episodes) = (self.taken, self.belt.episodes_begun());
     }
 

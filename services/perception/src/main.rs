@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use clap::Parser;
 use messages::topics::{BELIEF, BOXES, COMMANDS, MOTIONS, Role};
 use packing::Grid;
-use perception::{Behaviour, Belt, Perception, Say};
+use perception::{Behaviour, Belt, Perception, Reality, Say};
 use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
 use tracing::info;
 use world_file::WorldFile;
@@ -43,12 +43,14 @@ fn main() -> anyhow::Result<()> {
     let bell = bus.bell()?;
     let commands = bus.subscriber(&COMMANDS)?;
     let (mut file, world) = WorldFile::open(&config.state.world())?;
-    let mut perception = match &world {
-        Some(world) => Perception::resume(behaviour, &grid, belt, world, monotonic_ns()).with_context(|| {
-            format!("cannot go on from {}; remove it to begin anew", config.state.world().display())
-        })?,
-        None => Perception::new(behaviour, grid, belt, monotonic_ns()),
+    let reality = Reality::of(&config, &grid);
+    let resumed = match &world {
+        Some(world) => Perception::resume(behaviour, &grid, belt, world, monotonic_ns()),
+        None => Ok(Perception::new(behaviour, grid, belt, monotonic_ns())),
     };
+    let remedy = || format!("cannot go on from {}; remove it to begin anew", config.state.world().display());
+    let mut perception =
+        resumed.and_then(|perception| perception.in_reality(reality, world.as_ref())).with_context(remedy)?;
     let mut say = Vec::new();
     perception.begin(&mut say);
     let mut reporter = Reporter::new(&bus, &format!("stub: {}", settings.stream))?;

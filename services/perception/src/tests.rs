@@ -249,3 +249,150 @@ fn worlds_that_do_not_fit_are_refused() {
         assert!(World::decode(&flipped).is_err(), "flipped at {at}");
     }
 }
+
+/// A stub in a world of these settings, with two containers of 20 x 20 x 20 cells and boxes of 100 mm.
+fn in_world(overrides: &[&str], boxes: usize) -> Perception {
+    let overrides: Vec<String> = overrides.iter().map(|&text| text.to_owned()).collect();
+    let config = runtime::Config::default().overridden(&overrides).unwrap();
+    let size = ContainerSize::new(20, 20, 20, 10).unwrap();
+    let grid = Grid::with_rules(size, 2, config.rules()).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("stream.json");
+    let list = vec!["[10, 10, 10]"; boxes].join(", ");
+    let text =
+        format!(r#"{{"meta": {{"name": "s", "unit": "cm", "container": [20, 20, 20]}}, "episodes": [[{list}]]}}"#);
+    fs::write(&path, text).unwrap();
+    let belt = Belt::open(path.to_str().unwrap(), 0, 1, size).unwrap();
+    let reality = Reality::of(&config, &grid);
+    Perception::new(behaviour(), grid, belt, 0).in_reality(reality, None).unwrap()
+}
+
+const CAMERA: &str = "belief.source=camera";
+
+fn heights(perception: &Perception) -> &[u16] {
+    perception.grid().slots()[0].surface().heights()
+}
+
+#[test]
+fn a_world_without_errors_is_the_commanded_one() {
+    assert!(Reality::of(&runtime::Config::default(), &Grid::new(size(), 2).unwrap()).is_none());
+    let mut plain = in_world(&[], 4);
+    let mut seen = in_world(&[CAMERA], 4);
+    for perception in [&mut plain, &mut seen] {
+        on_time(perception, 1);
+        for (j, now_ns) in [(0, 2), (10, 3)] {
+            command(perception, Action::Place, at(0, j), now_ns);
+        }
+    }
+    assert_eq!(heights(&plain), heights(&seen));
+    assert_eq!(plain.grid().revision(), seen.grid().revision(), "nothing was corrected");
+    assert_eq!(boxes(&plain), boxes(&seen));
+}
+
+#[test]
+fn what_the_camera_sees_is_believed_and_moves_the_revision() {
+    let noisy = ["world.actuator_mm=15", "world.seed=4", CAMERA];
+    let mut blind = in_world(&noisy[..2], 4);
+    let mut seen = in_world(&noisy, 4);
+    for perception in [&mut blind, &mut seen] {
+        on_time(perception, 1);
+        let said = command(perception, Action::Place, at(0, 5), 2);
+        assert_eq!(said.len(), 3, "motion, belief and the next box");
+    }
+    assert_eq!(blind.grid().revision(), 1);
+    assert_eq!(seen.grid().revision(), 2, "placed and corrected");
+    assert_eq!(boxes(&seen).revision, 2, "the next box goes with what is believed now");
+    assert_ne!(heights(&blind), heights(&seen));
+}
+
+#[test]
+fn a_lost_box_raises_an_alarm_until_its_container_leaves() {
+    let mut perception = in_world(&["world.drop_share=1", CAMERA], 4);
+    on_time(&mut perception, 1);
+    command(&mut perception, Action::Place, at(0, 0), 2);
+    assert!(perception.tally().alarm().contains("box 1 is missing from slot 0"), "{}", perception.tally().alarm());
+    assert!(heights(&perception).iter().all(|&height| height == 0), "nothing is believed to stand there");
+    command(&mut perception, Action::Replace, at(0, 0), 3);
+    assert_eq!(perception.tally().alarm(), "");
+}
+
+#[test]
+fn an_arm_that_refuses_keeps_the_box() {
+    let mut perception = in_world(&["world.refuse_share=1"], 2);
+    on_time(&mut perception, 1);
+    assert_eq!(command(&mut perception, Action::Place, at(0, 0), 2), [Say::Motion(report(MotionOutcome::Refused))]);
+    assert_eq!(boxes(&perception).belt_state(), Ok(BeltState::BoxPresent));
+}
+
+#[test]
+fn boxes_are_commanded_as_they_were_measured() {
+    let mut perception = in_world(&["world.size_mm=3", "world.seed=2"], 3);
+    on_time(&mut perception, 1);
+    let queue = boxes(&perception);
+    assert_ne!(queue.current.size_mm, [100; 3]);
+    command(&mut perception, Action::Place, at(0, 0), 2);
+    assert_eq!(boxes(&perception).current, queue.upcoming[0], "measured once");
+}
+
+/// Noticed at the look after the box, before the next box is taken; reported; and gone on or stopped as configured.
+#[test]
+fn a_camera_that_fails_is_noticed_before_the_next_box() {
+    for (fault, says) in [
+        ("nan", "sees only 0 %"),
+        ("infinite", "sees only 0 %"),
+        ("wrong-size", "pixels in place of"),
+        ("frozen", "frozen"),
+        ("away", "says nothing"),
+    ] {
+        let fault = format!("world.camera_fault={fault}");
+        let settings = [CAMERA, &fault, "world.camera_fault_from=2", "world.camera_fault_looks=3"];
+        let mut stops = in_world(&settings, 4);
+        let mut goes_on = in_world(&[&settings[..], &["belief.without_camera=go-on"]].concat(), 4);
+        for (perception, belt) in [(&mut stops, BeltState::Waiting), (&mut goes_on, BeltState::BoxPresent)] {
+            on_time(perception, 1);
+            command(perception, Action::Place, at(0, 0), 2);
+            assert_eq!(perception.tally().alarm(), "");
+            command(perception, Action::Place, at(0, 10), 3);
+            assert!(perception.tally().alarm().contains(says), "{}", perception.tally().alarm());
+            assert_eq!(boxes(perception).belt_state(), Ok(belt), "{fault}");
+        }
+        // It looks again every time it would say an observation again; at the second time the camera is well.
+        assert_eq!(stops.wake_ns(), Some(3 + 20 * MS));
+        on_time(&mut stops, 3 + 20 * MS);
+        assert_eq!(boxes(&stops).belt_state(), Ok(BeltState::Waiting));
+        on_time(&mut stops, 3 + 40 * MS);
+        assert_eq!(boxes(&stops).belt_state(), Ok(BeltState::BoxPresent));
+        assert_eq!(stops.tally().alarm(), "", "{fault} is over");
+    }
+}
+
+#[test]
+fn a_restarted_stub_finds_the_true_world_as_it_was_left() {
+    let settings = ["world.actuator_mm=5", "world.size_mm=2", CAMERA];
+    let mut perception = in_world(&settings, 4);
+    on_time(&mut perception, 1);
+    command(&mut perception, Action::Place, at(0, 0), 2);
+    let mut bytes = Vec::new();
+    perception.world().encode(&mut bytes);
+    let world = World::decode(&bytes).unwrap();
+    let fresh = in_world(&settings, 4);
+    let (empty, belt, reality) = (in_world(&settings, 4).grid, fresh.belt, fresh.reality);
+    let resumed = Perception::resume(behaviour(), &empty, belt, &world, 3).unwrap();
+    let mut restarted = resumed.in_reality(reality, Some(&world)).unwrap();
+    assert_eq!(restarted.world(), world);
+    on_time(&mut restarted, 3);
+    assert_eq!(boxes(&restarted), boxes(&perception));
+    for perception in [&mut perception, &mut restarted] {
+        command(perception, Action::Place, at(1, 0), 4);
+    }
+    assert_eq!(restarted.world(), perception.world(), "the same errors");
+
+    let plain = in_world(&[], 4);
+    let mut perfect = in_world(&[], 4);
+    on_time(&mut perfect, 1);
+    command(&mut perfect, Action::Place, at(0, 0), 2);
+    let reality = in_world(&settings, 4).reality;
+    let refused = Perception::resume(behaviour(), &empty, plain.belt, &perfect.world(), 3).unwrap();
+    let message = refused.in_reality(reality, Some(&perfect.world())).unwrap_err().to_string();
+    assert!(message.contains("[world]"), "{message}");
+}

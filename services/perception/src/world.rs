@@ -9,10 +9,11 @@ use crate::belt::Position;
 use crate::{Motion, Reported};
 
 /// The first bytes of the file: what it is, in words, and the version of all that follows.
-const HEADER: &[u8] = b"packcell world 1\n";
+const HEADER: &[u8] = b"packcell world 2\n";
 
-/// Most bytes that a world may take: every cell of the largest grid, and room to spare.
-const BYTES_MAX: usize = 1 << 20;
+/// Most bytes that a world may take: every cell of the largest grid, and a true box of 80 bytes for every cell of
+/// sixteen of the paper's containers.
+const BYTES_MAX: usize = 1 << 28;
 
 /// Containers, belt and arm between two motions, or in the middle of one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,6 +27,8 @@ pub struct World {
     pub(crate) moving: Option<Moving>,
     pub(crate) last: Option<Reported>,
     pub(crate) taken: u64,
+    /// How the boxes really stand, if that is another thing.
+    pub(crate) standing: Option<Vec<Vec<physical::Standing>>>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,6 +62,9 @@ pub enum WorldError {
         /// What is configured.
         of_cell: String,
     },
+    /// Boxes stand there, and nobody knows how they really stand.
+    #[error("it was left by a world without errors, or by other containers (sections [world] and [belief])")]
+    OtherReality,
     /// The boxes on the belt are others.
     #[error("it was left in the middle of another stream (perception.stream, perception.seed)")]
     OtherStream,
@@ -75,7 +81,7 @@ impl World {
             heights: heights(slot),
         });
         let (size, revision, slots) = (shape(grid.size()), grid.revision(), slots.collect());
-        Self { size, revision, slots, next_container, position, moving: None, last: None, taken }
+        Self { size, revision, slots, next_container, position, moving: None, last: None, taken, standing: None }
     }
 
     /// The containers as they were left, for a cell that begins with those of `empty`.

@@ -24,6 +24,10 @@ pub struct Config {
     pub rules: RulesConfig,
     /// The stub of the physical side.
     pub perception: PerceptionConfig,
+    /// How wrong the stub's world is.
+    pub world: WorldConfig,
+    /// What is believed of the containers.
+    pub belief: BeliefConfig,
     /// The candidate generator.
     pub candidates: CandidatesConfig,
     /// The scorers.
@@ -96,6 +100,93 @@ pub struct PerceptionConfig {
     pub motion_ms: u64,
     /// How often an observation is said again until the arm has the box [ms].
     pub repeat_ms: u64,
+}
+
+/// How wrong the stub's world is; not at all by default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WorldConfig {
+    /// Fixes all errors.
+    pub seed: u64,
+    /// Standard deviation of where the arm sets a box down, along each axis [mm].
+    pub actuator_mm: f64,
+    /// Standard deviation of how far the arm turns a box askew [degrees].
+    pub yaw_deg: f64,
+    /// Standard deviation of each side that is measured at the pick [mm].
+    pub size_mm: f64,
+    /// Probability that the arm refuses a command [-].
+    pub refuse_share: f64,
+    /// Probability that a box is lost on its way and the arm does not notice [-].
+    pub drop_share: f64,
+    /// How far a box gives way to one that is set down into it [mm].
+    pub push_mm: f64,
+    /// Standard deviation of the camera's heights, pixel by pixel [mm].
+    pub camera_mm: f64,
+    /// Standard deviation of where the camera sees everything, along each axis and look by look [mm].
+    pub camera_shift_mm: f64,
+    /// Share of the pixels of a frame in which the camera sees nothing [-].
+    pub camera_dropout_share: f64,
+    /// What is wrong with the camera.
+    pub camera_fault: CameraFault,
+    /// From which box on.
+    pub camera_fault_from: u64,
+    /// For how many looks; 0 for ever.
+    pub camera_fault_looks: u64,
+}
+
+/// What can be wrong with the stub's camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CameraFault {
+    /// Nothing.
+    #[default]
+    None,
+    /// Its heights are no numbers.
+    Nan,
+    /// Its heights are infinite.
+    Infinite,
+    /// Its frames have a row too few.
+    WrongSize,
+    /// It says the last frames again.
+    Frozen,
+    /// It says nothing.
+    Away,
+}
+
+/// What is believed of the containers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BeliefConfig {
+    /// What it comes from.
+    pub source: BeliefSource,
+    /// A box that is seen no farther from where it was commanded to is believed to stand there [mm].
+    pub tolerance_mm: u16,
+    /// Frames that the camera takes after every box.
+    pub frames: usize,
+    /// What happens while the camera cannot be trusted.
+    pub without_camera: WithoutCamera,
+}
+
+/// What the belief comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BeliefSource {
+    /// What the arm was commanded to do and reported as done.
+    #[default]
+    Commanded,
+    /// That, corrected by what a camera sees.
+    Camera,
+}
+
+/// What happens while the camera cannot be trusted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WithoutCamera {
+    /// What was commanded is believed, under an alarm.
+    GoOn,
+    /// No box is taken until the camera sees again.
+    #[default]
+    Stop,
 }
 
 /// The candidate generator.
@@ -264,6 +355,36 @@ impl Default for PerceptionConfig {
     }
 }
 
+impl Default for WorldConfig {
+    fn default() -> Self {
+        let (actuator_mm, yaw_deg, size_mm, refuse_share, drop_share, push_mm) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let (camera_mm, camera_shift_mm, camera_dropout_share) = (1.0, 0.0, 0.0);
+        let (camera_fault, camera_fault_from, camera_fault_looks) = (CameraFault::None, 0, 0);
+        Self {
+            seed: 1,
+            actuator_mm,
+            yaw_deg,
+            size_mm,
+            refuse_share,
+            drop_share,
+            push_mm,
+            camera_mm,
+            camera_shift_mm,
+            camera_dropout_share,
+            camera_fault,
+            camera_fault_from,
+            camera_fault_looks,
+        }
+    }
+}
+
+impl Default for BeliefConfig {
+    fn default() -> Self {
+        let (source, without_camera) = (BeliefSource::Commanded, WithoutCamera::Stop);
+        Self { source, tolerance_mm: 5, frames: 5, without_camera }
+    }
+}
+
 impl Default for CandidatesConfig {
     fn default() -> Self {
         Self { walle_weights: [0.75, 1.0, 1.0, 0.01, 1.0] }
@@ -381,6 +502,9 @@ impl Config {
         let RulesConfig { clearance_mm, level_mm } = self.rules;
         in_range("rules.clearance_mm", clearance_mm.into(), 0..=500, "it must be at most half a metre")?;
         in_range("rules.level_mm", level_mm.into(), 0..=500, "it must be at most half a metre")?;
+        self.check_world()?;
+        in_range("belief.tolerance_mm", self.belief.tolerance_mm.into(), 0..=500, "it must be at most half a metre")?;
+        in_range("belief.frames", self.belief.frames as u64, 1..=9, "it must be 1 to 9 frames")?;
         let CommanderConfig { soft_deadline_ms, hard_deadline_ms, .. } = self.commander;
         in_range("commander.hard_deadline_ms", hard_deadline_ms, 1..=1000, "it must be 1 to 1000 ms")?;
         let rule = "it must not be later than commander.hard_deadline_ms";
@@ -394,6 +518,30 @@ impl Config {
         in_range("perception.motion_ms", motion_ms, 0..=3_600_000, "it must be at most an hour")?;
         in_range("perception.repeat_ms", repeat_ms, 1..=1000, "it must be 1 to 1000 ms")?;
         self.walle_weights().map(drop)
+    }
+}
+
+impl Config {
+    fn check_world(&self) -> Result<(), ConfigError> {
+        let world = &self.world;
+        let length = "it must be 0 to 500 mm";
+        let share = "it must be a share from 0 to 1";
+        for (key, value, most, rule) in [
+            ("world.actuator_mm", world.actuator_mm, 500.0, length),
+            ("world.yaw_deg", world.yaw_deg, 15.0, "it must be 0 to 15 degrees"),
+            ("world.size_mm", world.size_mm, 500.0, length),
+            ("world.refuse_share", world.refuse_share, 1.0, share),
+            ("world.drop_share", world.drop_share, 1.0, share),
+            ("world.push_mm", world.push_mm, 500.0, length),
+            ("world.camera_mm", world.camera_mm, 500.0, length),
+            ("world.camera_shift_mm", world.camera_shift_mm, 500.0, length),
+            ("world.camera_dropout_share", world.camera_dropout_share, 1.0, share),
+        ] {
+            if !(0.0..=most).contains(&value) {
+                return Err(ConfigError::Range { key, value: value.to_string(), rule });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -490,6 +638,10 @@ mod tests {
         refused("", &["container.slots=99"], "a grid has 1 to 64 slots");
         refused("", &["perception.upcoming=9"], "at most 8");
         refused("", &["rules.clearance_mm=501"], "half a metre");
+        refused("", &["world.actuator_mm=-1"], "it must be 0 to 500 mm");
+        refused("", &["world.drop_share=nan"], "a share from 0 to 1");
+        refused("", &["world.camera_fault=dirty"], "unknown variant `dirty`");
+        refused("", &["belief.frames=10"], "1 to 9 frames");
         refused("", &["rules.clearance_mm=-1"], "invalid value");
         refused("", &["candidates.walle_weights=[1.0, nan, 1.0, 1.0, 1.0]"], "five numbers of 0 or more");
         refused("[log]\nlevel = \"loud\"\n", &[], "unknown variant `loud`");

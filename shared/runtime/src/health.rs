@@ -53,6 +53,12 @@ impl Tally {
         }
     }
 
+    /// What keeps the process from its work; empty if nothing does.
+    #[must_use]
+    pub fn alarm(&self) -> &str {
+        self.alarm.as_str()
+    }
+
     /// The process can do its work.
     pub fn clear_alarm(&mut self) {
         if self.alarm != Text::default() {

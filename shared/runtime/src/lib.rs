@@ -12,8 +12,9 @@ mod process;
 pub use bus::{Bell, Bus, BusError, Latest, Publisher, Subscriber, shared_memory_bytes};
 pub use clock::{monotonic_ns, unix_ms};
 pub use config::{
-    BusConfig, CandidatesConfig, CommanderConfig, Config, ConfigError, ContainerConfig, LogConfig, LogLevel,
-    PerceptionConfig, ScorerConfig, StateConfig,
+    BeliefConfig, BeliefSource, BusConfig, CameraFault, CandidatesConfig, CommanderConfig, Config, ConfigError,
+    ContainerConfig, LogConfig, LogLevel, PerceptionConfig, RulesConfig, ScorerConfig, StateConfig, WithoutCamera,
+    WorldConfig,
 };
 pub use health::{Reporter, Tally};
 pub use process::{ServiceArgs, StopSignal, init_log};
