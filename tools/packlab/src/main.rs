@@ -8,6 +8,7 @@ mod method;
 mod output;
 mod published;
 mod source;
+mod study;
 mod train;
 mod trial;
 
@@ -25,6 +26,8 @@ enum Command {
     Train(train::TrainArgs),
     /// Draw the learning curves of trainings.
     Curve(curve::CurveArgs),
+    /// Answer a question that takes many packings.
+    Study(study::StudyArgs),
 }
 
 fn main() -> anyhow::Result<()> {
@@ -33,5 +36,6 @@ fn main() -> anyhow::Result<()> {
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Train(args) => train::run(&args),
         Command::Curve(args) => curve::run(&args),
+        Command::Study(args) => study::run(&args),
     }
 }

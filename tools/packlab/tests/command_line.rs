@@ -196,6 +196,8 @@ fn what_does_not_exist_is_named() {
     refuses(&["evaluate", "--data", "standrad"], &["standrad", "small-boxes"]);
     refuses(&["evaluate", "--policy", "packman:/nonexistent.safetensors"], &["/nonexistent.safetensors"]);
     refuses(&["evaluate", "--walle-weights", "1,2,3,4,-5"], &["weights"]);
+    refuses(&["study", "robustness", "--policy", "best-fit"], &["best-fit", "walle-corners"]);
+    refuses(&["study", "robustness", "--html", "/nonexistent/page.html"], &["/nonexistent"]);
     refuses(&["generate", "--data", "standard", "--out", "boxes.txt"], &[".json"]);
     refuses(&["train", "--minutes=-1", "--out", "x.safetensors"], &["-1", "minutes"]);
     refuses(&["train", "--out", "/nonexistent/x.safetensors"], &["/nonexistent"]);
