@@ -60,7 +60,7 @@ impl Reality {
             dropout_share: world.camera_dropout_share,
             fault: match world.camera_fault {
                 CameraFault::None => Fault::None,
-                CameraFault::Nan => Fault::NotANumber,
+                CameraFault::NotANumber => Fault::NotANumber,
                 CameraFault::Infinite => Fault::Infinite,
                 CameraFault::WrongSize => Fault::WrongSize,
                 CameraFault::Frozen => Fault::Frozen,

@@ -142,7 +142,7 @@ pub enum CameraFault {
     #[default]
     None,
     /// Its heights are no numbers.
-    Nan,
+    NotANumber,
     /// Its heights are infinite.
     Infinite,
     /// Its frames have a row too few.
