@@ -36,6 +36,7 @@ fn main() -> anyhow::Result<()> {
                 && let Some(found) = candidates.find(queue, belief)
             {
                 sets.publish(found.observed_ns(), |set| found.write(set, received_ns))?;
+                candidates.look_ahead(queue);
             }
         }
         sets.greet_newcomers()?;

@@ -34,11 +34,16 @@ pub(crate) struct Cell {
 impl Cell {
     /// Starts the four processes on the configured bus, and returns when all are ready.
     pub(crate) fn start(config: &Config, bus: &Bus) -> anyhow::Result<Self> {
+        Self::start_roles(config, bus, &START_ORDER)
+    }
+
+    /// Starts some of the processes, in this order, for whoever stands in for the others.
+    pub(crate) fn start_roles(config: &Config, bus: &Bus, roles: &[Role]) -> anyhow::Result<Self> {
         let file = config.bus.root_dir.join("cell.toml");
         fs::write(&file, config.to_toml()).with_context(|| format!("cannot write {}", file.display()))?;
         let health = bus.subscriber(&HEALTH)?;
         let mut cell = Self { children: Vec::new() };
-        for role in START_ORDER {
+        for &role in roles {
             if role == Role::Perception {
                 cell.await_ready(&health)?;
             }
@@ -114,7 +119,7 @@ impl Drop for Cell {
 }
 
 fn spawn(role: Role, config: &Path) -> anyhow::Result<Child> {
-    let program = program_path(role)?;
+    let program = program_path(role.name())?;
     let mut command = Command::new(&program);
     command.arg("--config").arg(config).arg("--with-parent").stdin(Stdio::null()).stdout(Stdio::null());
     // A group of its own: Ctrl-C goes to packcell, which stops the processes in order.
@@ -122,10 +127,10 @@ fn spawn(role: Role, config: &Path) -> anyhow::Result<Child> {
     command.spawn().with_context(|| format!("cannot start {}", program.display()))
 }
 
-/// The program of a role lies beside this one.
-fn program_path(role: Role) -> anyhow::Result<PathBuf> {
+/// A program that lies beside this one.
+pub(crate) fn program_path(name: &str) -> anyhow::Result<PathBuf> {
     let own = std::env::current_exe().context("cannot tell where packcell lies")?;
-    let path = own.with_file_name(role.name());
+    let path = own.with_file_name(name);
     if path.exists() {
         Ok(path)
     } else {

@@ -2,6 +2,7 @@
 #![expect(clippy::print_stdout, reason = "printing is what a tool does")]
 
 mod args;
+mod bench;
 mod cell;
 mod demo;
 mod latency;
@@ -23,6 +24,8 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Keeps a cell running until Ctrl-C
     Up(up::UpArgs),
+    /// Measures the whole decision: over four processes, in one, and over Unix sockets instead of the bus
+    Bench(bench::BenchArgs),
     /// Shows what every process of a running cell is doing
     Status(status::StatusArgs),
 }
@@ -31,6 +34,7 @@ fn main() -> ExitCode {
     let done = match Command::parse() {
         Command::Demo(args) => demo::run(&args),
         Command::Up(args) => up::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Status(args) => status::run(&args),
     };
     match done {
