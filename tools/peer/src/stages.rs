@@ -39,7 +39,6 @@ pub(crate) fn candidates(config: &Config, dir: &Path) -> anyhow::Result<()> {
                     set.header.observed_ns = found.observed_ns();
                     commander.send(&*set)?;
                     scorer.send(&*set)?;
-                    service.look_ahead(&queue);
                 }
             }
             _ => {}
@@ -134,7 +133,6 @@ pub(crate) fn alone(config: &Config, dir: &Path) -> anyhow::Result<()> {
                     let stages_ns = [found_ns - begin_ns, decided_ns - found_ns, monotonic_ns() - decided_ns];
                     arm.send_timed(&*command, stages_ns)?;
                 }
-                candidates.look_ahead(&queue);
             }
             _ => {}
         }
