@@ -191,7 +191,9 @@ impl UpCell {
 
     /// Stops it with a signal; its exit code and what it said.
     pub(crate) fn stop_with(&mut self, how: Signal) -> (Option<i32>, String) {
-        signal(self.child.id(), how);
+        if self.child.try_wait().unwrap().is_none() {
+            signal(self.child.id(), how);
+        }
         let status = self.child.wait().unwrap();
         let mut said = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();

@@ -472,4 +472,32 @@ mod tests {
         let message = Config::load(Path::new("/nonexistent.toml"), &[]).unwrap_err().to_string();
         assert!(message.starts_with("cannot read the configuration /nonexistent.toml"), "{message}");
     }
+
+    #[test]
+    fn every_truncation_and_every_flipped_byte_is_read_or_refused() {
+        let text = include_bytes!("../../../deploy/packcell.toml");
+        let settings = text.split(|&byte| byte == b'\n').filter(|line| !line.starts_with(b"#")).collect::<Vec<_>>();
+        let settings = settings.join(&b'\n');
+        for at in 0..settings.len() {
+            for flip in [1, 0x20, 0x80] {
+                let mut flipped = settings.clone();
+                flipped[at] ^= flip;
+                for bytes in [&flipped[..], &settings[..at]] {
+                    if let Ok(config) = toml::from_slice::<Config>(bytes) {
+                        let _ = config.overridden(&[]).map_err(|error| error.to_string());
+                    }
+                }
+            }
+        }
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn no_text_makes_the_reader_panic(text in ".{0,200}", key in "[a-z_.]{0,30}=.{0,20}") {
+            if let Ok(config) = toml::from_str::<Config>(&text) {
+                let _ = config.check();
+            }
+            let _ = Config::default().overridden(&[key]).map_err(|error| error.to_string());
+        }
+    }
 }

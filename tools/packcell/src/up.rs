@@ -9,7 +9,7 @@ use std::time::Duration;
 use anyhow::{Context as _, bail};
 use messages::topics::{CONTROL, Role};
 use messages::{Control, Instance, Wish};
-use runtime::{Bus, Config};
+use runtime::{Bus, Config, monotonic_ns};
 use rustix::fs::FlockOperation;
 
 use crate::args::{CellArgs, expected_boxes};
@@ -18,6 +18,9 @@ use crate::private_bus::remove_bus;
 
 /// How often the processes are looked after.
 const LOOK: Duration = Duration::from_millis(10);
+
+/// How often the dead are cleaned up after: the commander does it too, but it may be among them [ns].
+const CLEANING_NS: u64 = 1_000_000_000;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct UpArgs {
@@ -67,7 +70,7 @@ fn keep_running(config: &Config) -> anyhow::Result<()> {
         "the cell runs; 'packcell status' shows it, Ctrl-C stops it; its state is in {}",
         config.state.dir.display()
     );
-    let mut restarts = 0;
+    let (mut restarts, mut cleaning_due_ns) = (0, 0);
     while !bus.is_stopping() {
         while let Some(control) = controls.receive()? {
             obey(&control, &mut cell)?;
@@ -76,6 +79,10 @@ fn keep_running(config: &Config) -> anyhow::Result<()> {
         if cell.restarts() > restarts {
             restarts = cell.restarts();
             println!("{restarts} restart(s) so far");
+        }
+        if monotonic_ns() >= cleaning_due_ns {
+            bus.clean_up_after_the_dead();
+            cleaning_due_ns = monotonic_ns() + CLEANING_NS;
         }
         thread::sleep(LOOK);
     }
