@@ -5,7 +5,7 @@ use std::fs;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal};
@@ -130,6 +130,9 @@ pub(crate) struct UpCell {
     pub(crate) child: Child,
     pub(crate) prefix: String,
     root_dir: String,
+    state: TempDir,
+    /// Reads what it says, so that it never waits for somebody to listen.
+    listener: Option<JoinHandle<String>>,
 }
 
 impl UpCell {
@@ -138,14 +141,38 @@ impl UpCell {
         let prefix = format!("pctest{}{name}_", std::process::id());
         let root_dir = format!("/dev/shm/pctest{}{name}", std::process::id());
         let mut command = Command::new(program("packcell"));
-        command.arg("up").args(args).args(bus_args(&root_dir, &prefix));
-        command.stdout(Stdio::piped()).stderr(Stdio::piped()).stdin(Stdio::null());
-        Self { child: command.spawn().unwrap(), prefix, root_dir }
+        let state = tempfile::tempdir().unwrap();
+        command.arg("up").args(args).args(bus_args(&root_dir, &prefix, state.path()));
+        let (child, listener) = listened(&mut command);
+        Self { child, prefix, root_dir, state, listener }
     }
 
     /// The arguments by which other programs reach its bus.
     pub(crate) fn bus_args(&self) -> Vec<String> {
-        bus_args(&self.root_dir, &self.prefix)
+        bus_args(&self.root_dir, &self.prefix, self.state.path())
+    }
+
+    /// The same bus, for a test that listens itself.
+    pub(crate) fn bus_config(&self) -> runtime::BusConfig {
+        runtime::BusConfig { root_dir: (&self.root_dir).into(), prefix: self.prefix.clone() }
+    }
+
+    /// Where it keeps what must outlive its processes.
+    pub(crate) fn state_dir(&self) -> &Path {
+        self.state.path()
+    }
+
+    /// The commander's journal.
+    pub(crate) fn journal(&self) -> PathBuf {
+        self.state_dir().join("journal.bin")
+    }
+
+    /// Starts a cell that was killed again, with its bus and its state as they were left.
+    pub(crate) fn restart(mut self, args: &[&str]) -> Self {
+        let mut command = Command::new(program("packcell"));
+        command.arg("up").args(args).args(self.bus_args());
+        (self.child, self.listener) = listened(&mut command);
+        self
     }
 
     /// The configuration that its services run with.
@@ -165,11 +192,11 @@ impl UpCell {
 
     /// Stops it with a signal; its exit code and what it said.
     pub(crate) fn stop_with(&mut self, how: Signal) -> (Option<i32>, String) {
-        signal(self.child.id(), how);
+        if self.child.try_wait().unwrap().is_none() {
+            signal(self.child.id(), how);
+        }
         let status = self.child.wait().unwrap();
-        let mut said = String::new();
-        self.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-        (status.code(), said)
+        (status.code(), self.listener.take().unwrap().join().unwrap())
     }
 
     /// What is left of it in shared memory.
@@ -188,8 +215,25 @@ impl Drop for UpCell {
     }
 }
 
-fn bus_args(root_dir: &str, prefix: &str) -> Vec<String> {
-    ["--set".to_owned(), format!("bus.root_dir={root_dir}"), "--set".to_owned(), format!("bus.prefix={prefix}")].into()
+/// Starts a program, and somebody who reads what it and its children say on stderr.
+fn listened(command: &mut Command) -> (Child, Option<JoinHandle<String>>) {
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).stdin(Stdio::null()).spawn().unwrap();
+    let mut stderr = child.stderr.take().unwrap();
+    let listen = move || {
+        let mut said = Vec::new();
+        stderr.read_to_end(&mut said).unwrap();
+        String::from_utf8_lossy(&said).into_owned()
+    };
+    (child, Some(thread::spawn(listen)))
+}
+
+fn bus_args(root_dir: &str, prefix: &str, state_dir: &Path) -> Vec<String> {
+    let settings = [
+        format!("bus.root_dir={root_dir}"),
+        format!("bus.prefix={prefix}"),
+        format!("state.dir={}", state_dir.display()),
+    ];
+    settings.into_iter().flat_map(|setting| ["--set".to_owned(), setting]).collect()
 }
 
 /// A cell whose services are started one by one, as an operator or systemd would. Dropping it kills them all and
@@ -208,7 +252,13 @@ impl Services {
         let root_dir = format!("/dev/shm/pctest{}{name}", std::process::id());
         fs::create_dir(&root_dir).unwrap();
         let config = Path::new(&root_dir).join("cell.toml");
-        fs::write(&config, format!("[bus]\nroot_dir = \"{root_dir}\"\nprefix = \"{prefix}\"\n{lines}")).unwrap();
+        fs::write(
+            &config,
+            format!(
+                "[bus]\nroot_dir = \"{root_dir}\"\nprefix = \"{prefix}\"\n[state]\ndir = \"{root_dir}/state\"\n{lines}"
+            ),
+        )
+        .unwrap();
         Self { config, prefix, root_dir, running: BTreeMap::new() }
     }
 
@@ -232,10 +282,36 @@ impl Services {
         Path::new(&self.root_dir)
     }
 
+    /// The bus, for a test that speaks or listens itself.
+    pub(crate) fn bus_config(&self) -> runtime::BusConfig {
+        runtime::BusConfig { root_dir: (&self.root_dir).into(), prefix: self.prefix.clone() }
+    }
+
+    /// Messages that a service refused, as it says itself; nothing while it does not speak.
+    pub(crate) fn refused(&self, name: &str) -> Option<u64> {
+        let output = self.status_command().output().unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        let row = text.lines().find(|line| line.trim_start().starts_with(name))?;
+        let numbers: Vec<u64> = row.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+        // Process id, seconds, boxes, last box, refused.
+        numbers.get(4).copied()
+    }
+
+    /// Whether all services that were started run.
+    #[track_caller]
+    pub(crate) fn assert_all_run(&mut self) {
+        for (name, child) in &mut self.running {
+            assert!(child.try_wait().unwrap().is_none(), "{name} has ended");
+        }
+    }
+
     /// Looks at the cell with `packcell status`.
     pub(crate) fn status_command(&self) -> Command {
         let mut command = Command::new(program("packcell"));
-        command.arg("status").args(bus_args(&self.root_dir, &self.prefix)).stdin(Stdio::null());
+        command
+            .arg("status")
+            .args(bus_args(&self.root_dir, &self.prefix, &self.root_dir().join("state")))
+            .stdin(Stdio::null());
         command
     }
 

@@ -4,7 +4,9 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot run its programs has failed")]
 
 mod coming_back;
+mod faults;
 mod harness;
+mod hostile;
 mod pipeline;
 mod refusals;
 mod stopping;

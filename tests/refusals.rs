@@ -42,12 +42,12 @@ fn streams_that_are_none() {
 #[test]
 fn models_that_are_none() {
     let model = fs::read(root().join("deploy/models/packman.safetensors")).unwrap();
-    refused(&["--model", "/nonexistent/model.safetensors"], &["/nonexistent/model.safetensors", "scorer ended"]);
-    refused_file("short.safetensors", &model[..model.len() / 2], "--model", &["short.safetensors", "scorer ended"]);
-    refused_file("foreign.safetensors", b"not a model at all", "--model", &["foreign.safetensors", "scorer ended"]);
+    refused(&["--model", "/nonexistent/model.safetensors"], &["/nonexistent/model.safetensors", "scorer a ended"]);
+    refused_file("short.safetensors", &model[..model.len() / 2], "--model", &["short.safetensors", "scorer a ended"]);
+    refused_file("foreign.safetensors", b"not a model at all", "--model", &["foreign.safetensors", "scorer a ended"]);
     let mut flipped = model.clone();
     flipped[model.len() - 1000] ^= 1;
-    refused_file("flipped.safetensors", &flipped, "--model", &["flipped.safetensors", "scorer ended"]);
+    refused_file("flipped.safetensors", &flipped, "--model", &["flipped.safetensors", "scorer a ended"]);
 }
 
 #[test]
@@ -56,8 +56,8 @@ fn settings_that_are_none() {
     refused(&["--set", "commander.hard_deadline_ms=never"], &["commander.hard_deadline_ms=never"]);
     refused(&["--open", "0"], &["a grid has 1 to 64 slots"]);
     refused(&["--open", "40"], &["a grid has 1 to 64 slots", "65536"]);
-    refused(&["--policy", "best"], &["no policy \"best\"", "walle", "scorer ended"]);
-    refused(&["--set", "scorer.engine=abacus"], &["abacus", "scorer ended"]);
+    refused(&["--policy", "best"], &["no policy \"best\"", "walle", "scorer a ended"]);
+    refused(&["--set", "scorer.engine=abacus"], &["abacus", "scorer a ended"]);
 }
 
 #[test]

@@ -7,29 +7,44 @@ use std::path::{Path, PathBuf};
 use crate::harness::root;
 
 /// Who may import whom: a crate of ours, and those of ours that it may depend on.
-const MAY_IMPORT: [(&str, &[&str]); 14] = [
+const MAY_IMPORT: [(&str, &[&str]); 15] = [
     ("shared/packing", &[]),
     ("shared/dataset", &["packing"]),
     ("shared/policy", &["packing"]),
     ("shared/report", &["packing"]),
     ("shared/messages", &["packing"]),
+    ("shared/journal", &["messages"]),
     ("shared/runtime", &["messages", "packing"]),
     ("services/perception", &["dataset", "messages", "packing", "runtime"]),
     ("services/candidates", &["messages", "packing", "runtime"]),
     ("services/scorer", &["messages", "packing", "policy", "runtime"]),
-    ("services/commander", &["messages", "packing", "runtime"]),
-    ("tools/packcell", &["dataset", "messages", "packing", "peer", "report", "runtime"]),
+    ("services/commander", &["journal", "messages", "packing", "runtime"]),
+    ("tools/packcell", &["dataset", "journal", "messages", "packing", "peer", "report", "runtime"]),
     ("tools/packlab", &["dataset", "packing", "policy", "report"]),
     // Measures the services' work without the bus, so it is the one tool that holds their libraries.
-    ("tools/peer", &["candidates", "commander", "messages", "packing", "policy", "runtime", "scorer"]),
-    ("tests", &["dataset", "packing"]),
+    ("tools/peer", &["candidates", "commander", "journal", "messages", "packing", "policy", "runtime", "scorer"]),
+    (
+        "tests",
+        &[
+            "candidates",
+            "commander",
+            "dataset",
+            "journal",
+            "messages",
+            "packing",
+            "perception",
+            "policy",
+            "runtime",
+            "scorer",
+        ],
+    ),
 ];
 
 /// Dependencies that only one crate may name.
 const ONLY_IN: [(&str, &[&str]); 3] = [
     ("burn", &["shared/policy"]),
     ("iceoryx2", &["shared/messages", "shared/runtime"]),
-    ("bincode", &["shared/policy", "tools/peer"]),
+    ("bincode", &["shared/journal", "shared/policy", "services/perception", "tools/peer"]),
 ];
 
 fn manifest(dir: &Path) -> toml::Table {

@@ -4,14 +4,30 @@
 //! instance; after the hard deadline, WallE's ranking, which lies in the candidate set already. Whoever chose, the
 //! placement is checked against the belief before it is commanded. An empty set is answered by the rules: the close
 //! policy makes room, or the box is set aside.
+//!
+//! Every order is written down before it is commanded, and its end before anything else is ordered ([`Effects`]). A
+//! commander that starts with what an earlier one wrote knows which order is open: it says that command again while
+//! the box lies there, and never another one for it.
 
+mod order;
+
+use journal::{AppendError, Intent, Outcome, Record, State};
 use messages::topics::SCORERS_MAX;
 use messages::{
-    Action, Belief, CandidateSet, ChosenBy, CycleReport, Decision, GridCopy, Malformed, MotionOutcome, MotionReport,
-    PlaceCommand, Stamps, WireBox, WirePlacement,
+    Action, Belief, BeltState, BoxQueue, CandidateSet, ChosenBy, Control, CycleReport, Decision, GridCopy, Malformed,
+    MotionOutcome, MotionReport, Stamps, Why, Wish,
 };
-use packing::{BoxSpec, Candidate, ClosePolicy, Extent, Grid, Heuristic, PlaceError, Placement, Yaw};
+use packing::{
+    BoxSpec, Candidate, ClosePolicy, Extent, Grid, Heuristic, PlaceError, Placement, WalleWeights, Yaw,
+    corner_candidates,
+};
 use runtime::Tally;
+
+pub use order::Order;
+use order::Origin;
+
+/// How often the arm may refuse to place one box; then the box is set aside.
+const REFUSALS_MAX: u32 = 3;
 
 /// When the commander stops waiting, counted from the observation.
 #[derive(Clone, Copy, Debug)]
@@ -22,51 +38,101 @@ pub struct Deadlines {
     pub hard_ns: u64,
 }
 
+/// What a commander does to the world, in the order in which it does it.
+pub trait Effects {
+    /// What ends the commander: a bus that failed.
+    type Error;
+
+    /// Writes down what must not be forgotten.
+    ///
+    /// # Errors
+    /// [`AppendError`] if it could not be written; nothing is ordered then.
+    fn append(&mut self, record: &Record) -> Result<(), AppendError>;
+
+    /// Tells the arm, or tells it again; when that was [ns].
+    ///
+    /// # Errors
+    /// [`Effects::Error`].
+    fn command(&mut self, order: &Order) -> Result<u64, Self::Error>;
+
+    /// Tells whoever watches how an order went.
+    ///
+    /// # Errors
+    /// [`Effects::Error`].
+    fn report(&mut self, report: &CycleReport) -> Result<(), Self::Error>;
+}
+
 /// The commander's state between two events.
 #[derive(Debug)]
 pub struct Commander {
     deadlines: Deadlines,
     close: ClosePolicy,
+    /// The scorer instance that is obeyed first.
     active: u32,
+    /// The request of an operator that was answered last.
+    answered: u64,
     grid: GridCopy,
+    /// The box that lies at the pick position.
+    present: Option<Present>,
     /// The box that waits for a decision.
     pending: Option<Pending>,
     /// The candidates of the pending box.
     candidates: Vec<Candidate>,
-    /// The order whose motion has not been reported.
-    ordered: Option<Order>,
+    next_order: u64,
+    /// The order whose end is not written down.
+    ordered: Option<Ordered>,
+    /// The box and the revision of the last order that is over and was not refused: nothing more is ordered for them,
+    /// even if belt and belief still show them because their successors are not published yet.
+    over: Option<(u64, u64)>,
+    /// The box that the arm refused to place last, and how often.
+    refused: Option<(u64, u32)>,
     tally: Tally,
+}
+
+/// A box at the pick position, as perception sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Present {
+    spec: BoxSpec,
+    revision: u64,
+    /// When perception says that it saw it [ns].
+    said_ns: u64,
+    /// The same, but never later than when it was heard [ns].
+    observed_ns: u64,
 }
 
 /// A box that waits for a decision.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
-    spec: BoxSpec,
-    revision: u64,
+    present: Present,
     set_digest: u64,
     left_out: u32,
-    observed_ns: u64,
     stamps: Stamps,
     /// The first decision of an instance that is not active, kept until the soft deadline.
     standby: Option<Choice>,
+    /// Whether an answer of the active instance was refused.
+    active_refused: bool,
 }
 
-/// A placement and where it comes from.
+/// An order, and its end as soon as it is known.
+#[derive(Clone, Copy, Debug)]
+struct Ordered {
+    order: Order,
+    end: Option<(MotionOutcome, u64)>,
+}
+
+/// What to do and where that comes from.
 #[derive(Clone, Copy, Debug)]
 struct Choice {
+    action: Action,
     placement: Placement,
     by: ChosenBy,
     instance: u32,
     model: u64,
+    value: f32,
+    depth: u32,
     scorer_received_ns: u64,
     decision_published_ns: u64,
     decision_received_ns: u64,
-}
-
-/// What the arm is to be told, and everything that led to it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Order {
-    report: CycleReport,
 }
 
 /// Why a decision is not followed.
@@ -80,21 +146,42 @@ enum Refusal {
     NotFinite { instance: u32 },
     #[error("the chosen placement breaks a rule: {0}")]
     Infeasible(#[from] PlaceError),
+    #[error("the set is empty, and box {0} fits")]
+    FalselyEmpty(u64),
 }
 
 impl Commander {
-    /// A commander with these deadlines and this close policy, which obeys the instance `active` first.
+    /// A commander with these deadlines and this close policy, which goes on from `state` at `now_ns`.
     #[must_use]
-    pub fn new(deadlines: Deadlines, close: ClosePolicy, active: u32) -> Self {
+    pub fn new(deadlines: Deadlines, close: ClosePolicy, state: &State, now_ns: u64) -> Self {
+        let recovered = |intent: &Intent| Ordered { order: Order::recovered(*intent, now_ns), end: None };
         Self {
             deadlines,
             close,
-            active,
+            active: state.active,
+            answered: 0,
             grid: GridCopy::default(),
+            present: None,
             pending: None,
             candidates: Vec::new(),
-            ordered: None,
+            next_order: state.next_order(),
+            ordered: state.open().map(recovered),
+            over: state
+                .last
+                .and_then(|(intent, outcome)| is_final(outcome?).then_some((intent.spec.id, intent.revision))),
+            refused: None,
             tally: Tally::default(),
+        }
+    }
+
+    /// Says again how the last order went: the commander before may have died between writing that down and saying it.
+    ///
+    /// # Errors
+    /// As [`Effects::report`].
+    pub fn begin<E: Effects>(&mut self, state: &State, now_ns: u64, effects: &mut E) -> Result<(), E::Error> {
+        match state.last {
+            Some((intent, Some(outcome))) => effects.report(&Order::recovered(intent, now_ns).report(outcome, 0)),
+            _ => Ok(()),
         }
     }
 
@@ -103,83 +190,155 @@ impl Commander {
         match self.grid.follow(belief) {
             Ok(grid) => {
                 let revision = grid.revision();
-                self.pending = self.pending.filter(|pending| pending.revision == revision);
+                self.pending = self.pending.filter(|pending| pending.present.revision == revision);
             }
             Err(malformed) => self.tally.refuse(&malformed),
         }
     }
 
-    /// A candidate set came at `now_ns`. The belief must have been taken over before.
-    pub fn on_candidates(&mut self, set: &CandidateSet, now_ns: u64) -> Option<Order> {
-        match self.try_candidates(set, now_ns) {
-            Ok(order) => order,
-            Err(malformed) => {
-                self.tally.refuse(&malformed);
-                None
+    /// Takes over what lies on the belt. Motions that were reported before must have been taken over already.
+    ///
+    /// # Errors
+    /// As [`Effects::report`].
+    pub fn on_boxes<E: Effects>(&mut self, queue: &BoxQueue, now_ns: u64, effects: &mut E) -> Result<(), E::Error> {
+        match self.try_boxes(queue, now_ns) {
+            Ok(present) if present != self.present => {
+                self.pending = None;
+                self.present = present;
+            }
+            Ok(_) => {}
+            Err(malformed) => self.tally.refuse(&malformed),
+        }
+        if let (Some(present), Some(ordered)) = (self.present, &mut self.ordered)
+            && ordered.end.is_none()
+            && !ordered.order.is_for(present.spec.id(), present.revision)
+        {
+            // Another box lies there, or this one before another belief: the order is over, and nobody said how.
+            ordered.end = Some((MotionOutcome::Unreported, 0));
+        }
+        self.end_order(effects)
+    }
+
+    fn try_boxes(&self, queue: &BoxQueue, now_ns: u64) -> Result<Option<Present>, Malformed> {
+        if queue.belt_state()? != BeltState::BoxPresent {
+            return Ok(None);
+        }
+        let (spec, revision, said_ns) = (queue.current.try_into()?, queue.revision, queue.header.observed_ns);
+        let is_repeated = |known: &Present| (known.spec, known.revision, known.said_ns) == (spec, revision, said_ns);
+        // A stamp from the future would postpone the deadlines.
+        let new = Present { spec, revision, said_ns, observed_ns: said_ns.min(now_ns) };
+        Ok(Some(self.present.filter(is_repeated).unwrap_or(new)))
+    }
+
+    /// A candidate set came at `now_ns`. Belief, boxes and motions must have been taken over before.
+    ///
+    /// # Errors
+    /// As [`Effects::command`].
+    pub fn on_candidates<E: Effects>(
+        &mut self,
+        set: &CandidateSet,
+        now_ns: u64,
+        effects: &mut E,
+    ) -> Result<(), E::Error> {
+        let Some(present) = self.present.filter(|present| {
+            (present.spec.id(), present.spec.size_mm(), present.revision)
+                == (set.current.id, set.current.size_mm, set.revision)
+                && self.grid.grid().is_some_and(|grid| grid.revision() == set.revision)
+                && self.over != Some((set.current.id, set.revision))
+        }) else {
+            self.tally.pass_over();
+            return Ok(());
+        };
+        if let Some(ordered) = &mut self.ordered {
+            // The box is still on the belt: the arm may have missed the command. It moves a box once. An order whose
+            // end cannot be written down keeps the next one waiting.
+            if ordered.end.is_none() {
+                let stamp_ns = effects.command(&ordered.order)?;
+                ordered.order.commanded(stamp_ns);
+            }
+            return Ok(());
+        }
+        match self.take_up(set, present) {
+            Ok(()) => self.on_time(now_ns, effects),
+            Err(refusal) => {
+                self.tally.refuse(&refusal);
+                Ok(())
             }
         }
     }
 
-    fn try_candidates(&mut self, set: &CandidateSet, now_ns: u64) -> Result<Option<Order>, Malformed> {
-        let spec = set.spec()?;
-        if self.grid.grid().is_none_or(|grid| grid.revision() != set.revision) {
-            self.tally.pass_over();
-            return Ok(None);
+    /// Makes the set's box the one that waits, unless it is already.
+    fn take_up(&mut self, set: &CandidateSet, present: Present) -> Result<(), Refusal> {
+        if self.pending.is_some_and(|pending| pending.set_digest == set.digest) {
+            return Ok(());
         }
-        if let Some(order) = &self.ordered
-            && (order.report.spec.id, order.report.revision) == (spec.id(), set.revision)
-        {
-            // The box is still on the belt: the arm may have missed the command. It moves a box once.
-            return Ok(Some(*order));
+        self.pending = None;
+        set.read_candidates(&mut self.candidates)?;
+        if self.candidates.is_empty() {
+            self.check_emptiness(&present.spec)?;
         }
-        let is_known = self.pending.as_ref().is_some_and(|pending| {
-            (pending.spec.id(), pending.revision, pending.set_digest) == (spec.id(), set.revision, set.digest)
-        });
-        if !is_known {
-            set.read_candidates(&mut self.candidates)?;
-            // A stamp from the future would postpone the deadlines.
-            let observed_ns = set.header.observed_ns.min(now_ns);
-            let stamps = Stamps {
-                observed_ns,
-                boxes_published_ns: set.boxes_stamp_ns,
-                candidates_received_ns: set.received_ns,
-                candidates_published_ns: set.header.stamp_ns,
-                ..Stamps::default()
-            };
-            let (revision, set_digest, left_out) = (set.revision, set.digest, set.left_out);
-            self.pending = Some(Pending { spec, revision, set_digest, left_out, observed_ns, stamps, standby: None });
-            self.ordered = None;
+        let stamps = Stamps {
+            observed_ns: present.observed_ns,
+            boxes_published_ns: set.boxes_stamp_ns,
+            candidates_received_ns: set.received_ns,
+            candidates_published_ns: set.header.stamp_ns,
+            ..Stamps::default()
+        };
+        let (set_digest, left_out) = (set.digest, set.left_out);
+        let (standby, active_refused) = (None, false);
+        self.pending = Some(Pending { present, set_digest, left_out, stamps, standby, active_refused });
+        Ok(())
+    }
+
+    /// An empty set lets a container leave, so it is not believed but looked into.
+    fn check_emptiness(&mut self, spec: &BoxSpec) -> Result<(), Refusal> {
+        if let Some(grid) = self.grid.grid() {
+            corner_candidates(grid, extent(grid, spec), &WalleWeights::PAPER, &mut self.candidates);
         }
-        if self.candidates.is_empty() { Ok(self.order_by_rules()) } else { Ok(self.on_time(now_ns)) }
+        if self.candidates.is_empty() {
+            Ok(())
+        } else {
+            self.candidates.clear();
+            Err(Refusal::FalselyEmpty(spec.id()))
+        }
     }
 
     /// A decision came at `now_ns`.
-    pub fn on_decision(&mut self, decision: &Decision, now_ns: u64) -> Option<Order> {
+    ///
+    /// # Errors
+    /// As [`Effects::command`].
+    pub fn on_decision<E: Effects>(
+        &mut self,
+        decision: &Decision,
+        now_ns: u64,
+        effects: &mut E,
+    ) -> Result<(), E::Error> {
         let Some(pending) = self.pending.filter(|pending| {
-            (pending.spec.id(), pending.revision, pending.set_digest)
+            let present = &pending.present;
+            (present.spec.id(), present.revision, pending.set_digest)
                 == (decision.box_id, decision.revision, decision.set_digest)
         }) else {
             self.tally.pass_over();
-            return None;
+            return Ok(());
         };
         match self.check_decision(&pending, decision, now_ns) {
             Ok(choice) => {
-                let soft_ns = pending.observed_ns + self.deadlines.soft_ns;
+                let soft_ns = pending.present.observed_ns + self.deadlines.soft_ns;
                 if choice.by == ChosenBy::Model || now_ns >= soft_ns {
-                    return self.order(choice);
+                    return self.order(choice, effects);
                 }
-                if let Some(pending) = &mut self.pending
-                    && pending.standby.is_none()
-                {
-                    pending.standby = Some(choice);
+                if let Some(pending) = &mut self.pending {
+                    pending.standby.get_or_insert(choice);
                 }
-                None
             }
             Err(refusal) => {
                 self.tally.refuse(&refusal);
-                None
+                if let Some(pending) = self.pending.as_mut().filter(|_| decision.instance == self.active) {
+                    pending.active_refused = true;
+                }
             }
         }
+        Ok(())
     }
 
     fn check_decision(&self, pending: &Pending, decision: &Decision, now_ns: u64) -> Result<Choice, Refusal> {
@@ -193,12 +352,15 @@ impl Commander {
         let (best, candidates) = (decision.best, self.candidates.len());
         let candidate = self.candidates.get(best as usize);
         let placement = candidate.ok_or(Refusal::NoSuchCandidate { instance, best, candidates })?.placement;
-        self.check_placement(&pending.spec, placement)?;
+        self.check_placement(&pending.present.spec, placement)?;
         Ok(Choice {
+            action: Action::Place,
             placement,
             by: if instance == self.active { ChosenBy::Model } else { ChosenBy::Standby },
             instance,
             model: decision.model,
+            value: decision.value,
+            depth: decision.depth,
             scorer_received_ns: decision.received_ns,
             decision_published_ns: decision.header.stamp_ns,
             decision_received_ns: now_ns,
@@ -211,18 +373,29 @@ impl Commander {
         grid.check(extent(grid, spec), placement)
     }
 
-    /// What is due at `now_ns`.
-    pub fn on_time(&mut self, now_ns: u64) -> Option<Order> {
-        let pending = self.pending?;
-        if now_ns >= pending.observed_ns + self.deadlines.soft_ns
+    /// Does what is due at `now_ns`, and tries again what could not be written down.
+    ///
+    /// # Errors
+    /// As [`Effects::command`].
+    pub fn on_time<E: Effects>(&mut self, now_ns: u64, effects: &mut E) -> Result<(), E::Error> {
+        self.end_order(effects)?;
+        let Some(pending) = self.pending else { return Ok(()) };
+        let spec = pending.present.spec;
+        if self.refused.is_some_and(|(box_id, times)| box_id == spec.id() && times >= REFUSALS_MAX) {
+            return self.order(Choice::by_rules(Action::SetAside, 0), effects);
+        }
+        if self.candidates.is_empty() {
+            return self.order_by_rules(&spec, effects);
+        }
+        if now_ns >= pending.present.observed_ns + self.deadlines.soft_ns
             && let Some(choice) = pending.standby
         {
-            return self.order(choice);
+            return self.order(choice, effects);
         }
-        if now_ns >= pending.observed_ns + self.deadlines.hard_ns {
-            return self.order_by_walle(&pending);
+        if now_ns >= pending.present.observed_ns + self.deadlines.hard_ns {
+            return self.order_by_walle(&spec, effects);
         }
-        None
+        Ok(())
     }
 
     /// When [`Commander::on_time`] has something to do next [ns].
@@ -230,14 +403,14 @@ impl Commander {
     pub fn wake_ns(&self) -> Option<u64> {
         let pending = self.pending?;
         let wait_ns = if pending.standby.is_some() { self.deadlines.soft_ns } else { self.deadlines.hard_ns };
-        Some(pending.observed_ns + wait_ns)
+        Some(pending.present.observed_ns + wait_ns)
     }
 
-    fn order_by_walle(&mut self, pending: &Pending) -> Option<Order> {
+    fn order_by_walle<E: Effects>(&mut self, spec: &BoxSpec, effects: &mut E) -> Result<(), E::Error> {
         while let Some(best) = Heuristic::walle_choice(&self.candidates) {
             let placement = self.candidates[best].placement;
-            match self.check_placement(&pending.spec, placement) {
-                Ok(()) => return self.order(Choice::unscored(placement, ChosenBy::Fallback)),
+            match self.check_placement(spec, placement) {
+                Ok(()) => return self.order(Choice::by_walle(placement), effects),
                 Err(error) => {
                     self.tally.refuse(&Refusal::Infeasible(error));
                     self.candidates.remove(best);
@@ -246,80 +419,148 @@ impl Commander {
         }
         // Not one candidate holds on the belief: the set is void, and the next repetition brings another.
         self.pending = None;
-        None
+        Ok(())
     }
 
     /// Nothing fits: the close policy makes room, or the box is set aside.
-    fn order_by_rules(&mut self) -> Option<Order> {
-        let spec = self.pending?.spec;
-        let grid = self.grid.grid()?;
-        let leaving = if grid.size().admits(extent(grid, &spec)) { self.close.select(grid) } else { None };
-        let placement = Placement { slot: leaving.unwrap_or(0), yaw: Yaw::Deg0, i: 0, j: 0, base: 0 };
+    fn order_by_rules<E: Effects>(&mut self, spec: &BoxSpec, effects: &mut E) -> Result<(), E::Error> {
+        let Some(grid) = self.grid.grid() else { return Ok(()) };
+        let leaving = if grid.size().admits(extent(grid, spec)) { self.close.select(grid) } else { None };
         let action = if leaving.is_some() { Action::Replace } else { Action::SetAside };
-        self.order_action(action, Choice::unscored(placement, ChosenBy::Rules))
+        self.order(Choice::by_rules(action, leaving.unwrap_or(0)), effects)
     }
 
-    fn order(&mut self, choice: Choice) -> Option<Order> {
-        self.order_action(Action::Place, choice)
-    }
-
-    fn order_action(&mut self, action: Action, choice: Choice) -> Option<Order> {
-        let pending = self.pending.take()?;
-        let slot = self.grid.grid()?.slots().get(usize::from(choice.placement.slot))?;
-        let report = CycleReport {
-            header: messages::Header::default(),
-            spec: pending.spec.into(),
-            revision: pending.revision,
-            stamps: Stamps {
-                scorer_received_ns: choice.scorer_received_ns,
-                decision_published_ns: choice.decision_published_ns,
-                decision_received_ns: choice.decision_received_ns,
-                ..pending.stamps
+    /// Writes the order down, commands it, and remembers it until it is over. Whatever comes of this, nothing waits
+    /// for a decision afterwards: if the order cannot be written down, the next repetition of the set begins anew.
+    fn order<E: Effects>(&mut self, choice: Choice, effects: &mut E) -> Result<(), E::Error> {
+        let Some(pending) = self.pending.take() else { return Ok(()) };
+        let container =
+            |grid: &Grid| grid.slots().get(usize::from(choice.placement.slot)).map(packing::Slot::container);
+        let Some(container) = self.grid.grid().and_then(container) else { return Ok(()) };
+        let mut order = Order::new(
+            Intent {
+                order: self.next_order,
+                spec: pending.present.spec.into(),
+                revision: pending.present.revision,
+                action: choice.action,
+                placement: choice.placement.into(),
+                container,
+                chosen_by: choice.by,
+                instance: choice.instance,
+                model: choice.model,
+                observed_ns: pending.present.observed_ns,
             },
-            model: choice.model,
-            action: action.to_wire(),
-            placement: choice.placement.into(),
-            container: slot.container(),
-            chosen_by: choice.by.to_wire(),
-            instance: choice.instance,
-            candidates: self.candidates.len() as u32,
-            left_out: pending.left_out,
-            outcome: MotionOutcome::Done.to_wire(),
-        };
-        let order = Order { report };
-        self.ordered = Some(order);
-        self.tally.handle(pending.spec.id());
-        Some(order)
+            Origin {
+                why: self.why(choice, &pending),
+                value: choice.value,
+                depth: choice.depth,
+                candidates: self.candidates.len() as u32,
+                left_out: pending.left_out,
+                stamps: Stamps {
+                    scorer_received_ns: choice.scorer_received_ns,
+                    decision_published_ns: choice.decision_published_ns,
+                    decision_received_ns: choice.decision_received_ns,
+                    ..pending.stamps
+                },
+            },
+        );
+        if let Err(error) = effects.append(&Record::Intent(*order.intent())) {
+            self.tally.raise(&error);
+            return Ok(());
+        }
+        self.tally.clear_alarm();
+        self.next_order += 1;
+        let stamp_ns = effects.command(&order)?;
+        order.commanded(stamp_ns);
+        self.ordered = Some(Ordered { order, end: None });
+        self.tally.handle(pending.present.spec.id());
+        Ok(())
     }
 
-    /// The order was published at `stamp_ns`; only the first publication counts.
-    pub fn on_commanded(&mut self, stamp_ns: u64) {
-        if let Some(order) = &mut self.ordered
-            && order.report.stamps.command_published_ns == 0
-        {
-            order.report.stamps.command_published_ns = stamp_ns;
+    fn why(&self, choice: Choice, pending: &Pending) -> Why {
+        match choice.by {
+            ChosenBy::Model => Why::InTime,
+            ChosenBy::Standby | ChosenBy::Fallback if pending.active_refused => Why::Refused,
+            ChosenBy::Standby | ChosenBy::Fallback => Why::Silent,
+            ChosenBy::Rules if self.candidates.is_empty() => Why::NothingFits,
+            ChosenBy::Rules => Why::Refused,
         }
     }
 
-    /// The arm reported a motion: the report of the whole cycle, if it is of the last order.
-    pub fn on_motion(&mut self, motion: &MotionReport) -> Option<CycleReport> {
-        let is_ordered = |order: &&Order| {
-            (order.report.spec.id, order.report.revision, order.report.action)
-                == (motion.box_id, motion.revision, motion.action)
-        };
-        let Some(order) = self.ordered.as_ref().filter(is_ordered) else {
+    /// The arm reported a motion.
+    ///
+    /// # Errors
+    /// As [`Effects::report`].
+    pub fn on_motion<E: Effects>(&mut self, motion: &MotionReport, effects: &mut E) -> Result<(), E::Error> {
+        let is_ordered = |ordered: &&mut Ordered| ordered.end.is_none() && ordered.order.is_reported_by(motion);
+        let Some(ordered) = self.ordered.as_mut().filter(is_ordered) else {
             self.tally.pass_over();
-            return None;
+            return Ok(());
         };
-        if let Err(malformed) = MotionOutcome::from_wire(motion.outcome) {
-            self.tally.refuse(&malformed);
-            return None;
+        match MotionOutcome::from_wire(motion.outcome) {
+            Ok(outcome @ (MotionOutcome::Done | MotionOutcome::Refused)) => {
+                ordered.end = Some((outcome, motion.header.stamp_ns));
+            }
+            Ok(MotionOutcome::Unreported) => {
+                self.tally.refuse(&Malformed::Unknown { field: "outcome", value: motion.outcome });
+            }
+            Err(malformed) => self.tally.refuse(&malformed),
         }
-        let mut report = order.report;
-        report.outcome = motion.outcome;
-        report.stamps.motion_published_ns = motion.header.stamp_ns;
+        self.end_order(effects)
+    }
+
+    /// Writes down how the order ended, if it has, and says so. Until that is written, nothing else is ordered.
+    fn end_order<E: Effects>(&mut self, effects: &mut E) -> Result<(), E::Error> {
+        let Some(Ordered { order, end: Some((outcome, stamp_ns)) }) = self.ordered else { return Ok(()) };
+        let number = order.intent().order;
+        if let Err(error) = effects.append(&Record::Outcome(Outcome { order: number, outcome })) {
+            self.tally.raise(&error);
+            return Ok(());
+        }
+        self.tally.clear_alarm();
         self.ordered = None;
-        Some(report)
+        let box_id = order.spec().id;
+        if is_final(outcome) {
+            self.over = Some((box_id, order.intent().revision));
+        } else if order.action() == Action::Place {
+            let times = self.refused.filter(|(refused, _)| *refused == box_id).map_or(0, |(_, times)| times);
+            self.refused = Some((box_id, times + 1));
+        }
+        effects.report(&order.report(outcome, stamp_ns))
+    }
+
+    /// An operator's wish; whether there is an answer to it. What cannot be written down is not granted.
+    pub fn on_control<E: Effects>(&mut self, control: &Control, effects: &mut E) -> bool {
+        match Wish::from_wire(control.wish) {
+            Ok(Wish::Promote) if (control.instance as usize) < SCORERS_MAX => self.promote(control, effects),
+            Ok(Wish::Promote) => {
+                self.tally.refuse(&Malformed::Unknown { field: "instance", value: control.instance });
+                false
+            }
+            Ok(Wish::Start | Wish::Retire) => false,
+            Err(malformed) => {
+                self.tally.refuse(&malformed);
+                false
+            }
+        }
+    }
+
+    fn promote<E: Effects>(&mut self, control: &Control, effects: &mut E) -> bool {
+        if control.instance != self.active {
+            if let Err(error) = effects.append(&Record::Active(control.instance)) {
+                self.tally.raise(&error);
+                return false;
+            }
+            self.active = control.instance;
+        }
+        self.answered = control.request;
+        true
+    }
+
+    /// The scorer instance that is obeyed first, and the request that was answered last.
+    #[must_use]
+    pub fn active(&self) -> (u32, u64) {
+        (self.active, self.answered)
     }
 
     /// What it did so far.
@@ -329,42 +570,43 @@ impl Commander {
     }
 }
 
+/// Whether an order that ended so must not be given again.
+fn is_final(outcome: MotionOutcome) -> bool {
+    match outcome {
+        MotionOutcome::Done | MotionOutcome::Unreported => true,
+        MotionOutcome::Refused => false,
+    }
+}
+
 fn extent(grid: &Grid, spec: &BoxSpec) -> Extent {
     spec.extent(grid.size().cell_mm())
 }
 
 impl Choice {
+    fn by_walle(placement: Placement) -> Self {
+        Self::unscored(Action::Place, placement, ChosenBy::Fallback)
+    }
+
+    fn by_rules(action: Action, slot: u16) -> Self {
+        Self::unscored(action, Placement { slot, yaw: Yaw::Deg0, i: 0, j: 0, base: 0 }, ChosenBy::Rules)
+    }
+
     /// A choice that no scorer made.
-    fn unscored(placement: Placement, by: ChosenBy) -> Self {
-        let (instance, model) = (0, 0);
+    fn unscored(action: Action, placement: Placement, by: ChosenBy) -> Self {
+        let (instance, model, value, depth) = (0, 0, 0.0, 0);
         let (scorer_received_ns, decision_published_ns, decision_received_ns) = (0, 0, 0);
-        Self { placement, by, instance, model, scorer_received_ns, decision_published_ns, decision_received_ns }
-    }
-}
-
-impl Order {
-    /// When the observation was made [ns].
-    #[must_use]
-    pub fn observed_ns(&self) -> u64 {
-        self.report.stamps.observed_ns
-    }
-
-    /// The box.
-    #[must_use]
-    pub fn spec(&self) -> WireBox {
-        self.report.spec
-    }
-
-    /// Where the box goes, or which slot's container leaves.
-    #[must_use]
-    pub fn placement(&self) -> WirePlacement {
-        self.report.placement
-    }
-
-    /// Writes the command.
-    pub fn write(&self, command: &mut PlaceCommand) {
-        (command.spec, command.revision) = (self.report.spec, self.report.revision);
-        (command.action, command.placement) = (self.report.action, self.report.placement);
+        Self {
+            action,
+            placement,
+            by,
+            instance,
+            model,
+            value,
+            depth,
+            scorer_received_ns,
+            decision_published_ns,
+            decision_received_ns,
+        }
     }
 }
 

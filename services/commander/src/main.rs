@@ -1,13 +1,20 @@
 //! `commander`: turns candidate sets and decisions into one command for every box.
 //!
-//! Reads `packcell/candidates`, `packcell/decisions`, `packcell/motions` and `packcell/belief`; writes
-//! `packcell/commands` and, after the motion, `packcell/cycles`. One runs on a bus; a second one is refused.
+//! Reads `packcell/boxes`, `packcell/belief`, `packcell/candidates`, `packcell/decisions`, `packcell/motions` and
+//! `packcell/control`; writes `packcell/commands`, `packcell/cycles`, `packcell/active` and the journal. One runs on a
+//! bus; a second one is refused.
+
+mod ears;
+mod hands;
 
 use clap::Parser;
 use commander::{Commander, Deadlines};
-use messages::topics::{BELIEF, CANDIDATES, COMMANDS, CYCLES, DECISIONS, MOTIONS, Role};
+use ears::Ears;
+use hands::Hands;
+use journal::{Found, Journal};
+use messages::topics::{ACTIVE, Role};
 use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
-use tracing::info;
+use tracing::{info, warn};
 
 const NS_PER_MS: u64 = 1_000_000;
 
@@ -28,48 +35,38 @@ fn main() -> anyhow::Result<()> {
         soft_ns: config.commander.soft_deadline_ms * NS_PER_MS,
         hard_ns: config.commander.hard_deadline_ms * NS_PER_MS,
     };
-    let mut commander = Commander::new(deadlines, config.close_policy()?, 0);
+    let (journal, found) = Journal::open(&config.state.journal(), config.commander.journal_mib << 20)?;
+    match found {
+        Found::Nothing | Found::Whole => info!(?found, "journal"),
+        Found::Cut(_) | Found::Damaged(_) => warn!(?found, "the journal was not whole; it goes on from what was"),
+    }
+    let state = *journal.state();
+    let mut commander = Commander::new(deadlines, config.close_policy()?, &state, monotonic_ns());
 
     let bus = Bus::join(&config.bus, Role::Commander)?;
-    let mut commands = bus.publisher(&COMMANDS)?;
-    let mut cycles = bus.publisher(&CYCLES)?;
+    let mut hands = Hands::new(&bus, journal)?;
+    let mut ears = Ears::new(&bus)?;
+    let mut active = bus.publisher(&ACTIVE)?;
     let bell = bus.bell()?;
-    let mut beliefs = bus.latest(&BELIEF)?;
-    let mut sets = bus.latest(&CANDIDATES)?;
-    let decisions = bus.subscriber(&DECISIONS)?;
-    let motions = bus.subscriber(&MOTIONS)?;
     let mut reporter = Reporter::new(&bus, "one command a box")?;
-    info!("ready");
+    commander.begin(&state, monotonic_ns(), &mut hands)?;
+    info!(active = state.active, next_order = state.next_order(), "ready");
 
-    let mut cleaning_due_ns = 0;
+    let (mut is_active_said, mut cleaning_due_ns) = (false, 0);
     while bell.wait(commander.wake_ns())? {
-        while let Some(motion) = motions.receive()? {
-            if let Some(report) = commander.on_motion(&motion) {
-                cycles.publish(report.stamps.observed_ns, |cycle| *cycle = report)?;
-            }
-        }
-        if beliefs.refresh()?
-            && let Some(belief) = beliefs.get()
-        {
-            commander.on_belief(belief);
-        }
-        let mut order = None;
-        if sets.refresh()? {
-            order = sets.get().and_then(|set| commander.on_candidates(set, monotonic_ns()));
-        }
-        while let Some(decision) = decisions.receive()? {
-            order = order.or(commander.on_decision(&decision, monotonic_ns()));
-        }
-        if let Some(order) = order.or_else(|| commander.on_time(monotonic_ns())) {
-            let stamp_ns = commands.publish(order.observed_ns(), |command| order.write(command))?;
-            commander.on_commanded(stamp_ns);
+        is_active_said &= !ears.listen(&mut commander, &mut hands)?;
+        if !is_active_said {
+            let (instance, request) = commander.active();
+            active.publish(0, |said| (said.instance, said.request, said.reserved) = (instance, request, 0))?;
+            is_active_said = true;
         }
         if commander.wake_ns().is_none() && monotonic_ns() >= cleaning_due_ns {
             bus.clean_up_after_the_dead();
+            hands.tidy();
             cleaning_due_ns = monotonic_ns() + CLEANING_NS;
         }
-        commands.greet_newcomers()?;
-        cycles.greet_newcomers()?;
+        hands.greet_newcomers()?;
+        active.greet_newcomers()?;
         reporter.report_if_due(commander.tally())?;
     }
     info!("stopped");

@@ -5,6 +5,9 @@ use std::path::Path;
 use dataset::{DataSet, Named, ReadOptions};
 use packing::{BoxSpec, ContainerSize, Recipe, RecipeError, Split};
 use runtime::Tally;
+use serde::{Deserialize, Serialize};
+
+use crate::WorldError;
 
 /// A stream of boxes, episode after episode, numbered through.
 #[derive(Debug)]
@@ -24,6 +27,19 @@ pub struct Belt {
 enum Source {
     Generated { recipe: Recipe, seed: u64 },
     File(DataSet),
+}
+
+/// How far a stream has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Position {
+    /// Episodes begun.
+    begun: u64,
+    /// Boxes of this episode that the arm has dealt with.
+    dealt_with: u64,
+    /// Boxes of the episodes before this one.
+    before: u64,
+    /// CRC-32 of the sizes of this episode's boxes, by which another stream is noticed.
+    sizes: u32,
 }
 
 /// Why there is no stream.
@@ -79,6 +95,44 @@ impl Belt {
         Ok(Self { source, episodes, begun: 0, boxes: Vec::new(), next: 0, before: 0 })
     }
 
+    /// Boxes of a set, so many episodes of it.
+    #[must_use]
+    pub fn of(set: DataSet, episodes: u64) -> Self {
+        Self { source: Source::File(set), episodes, begun: 0, boxes: Vec::new(), next: 0, before: 0 }
+    }
+
+    /// How far it has come, if the box taken last is still on the belt (`is_box_out`) or is not.
+    #[must_use]
+    pub fn position(&self, is_box_out: bool) -> Position {
+        let dealt_with = (self.next - usize::from(is_box_out)) as u64;
+        Position { begun: self.begun, dealt_with, before: self.before, sizes: checksum(&self.boxes) }
+    }
+
+    /// Goes to where a stream was left.
+    ///
+    /// # Errors
+    /// [`WorldError::OtherStream`] if it was another stream.
+    pub fn go_to(&mut self, position: Position) -> Result<(), WorldError> {
+        if position.begun == 0 {
+            return Ok(());
+        }
+        self.begun = position.begun - 1;
+        let boxes = self.episode(self.begun).map_err(|_| WorldError::OtherStream)?;
+        if checksum(&boxes) != position.sizes || position.dealt_with > boxes.len() as u64 {
+            return Err(WorldError::OtherStream);
+        }
+        (self.begun, self.before) = (position.begun, position.before);
+        (self.boxes, self.next) = (boxes, position.dealt_with as usize);
+        Ok(())
+    }
+
+    fn episode(&self, index: u64) -> Result<Vec<BoxSpec>, RecipeError> {
+        match &self.source {
+            Source::File(set) => Ok(set.episodes[(index % set.episodes.len() as u64) as usize].clone()),
+            Source::Generated { recipe, seed } => Ok(recipe.episode(Split::Live, *seed, index)?.boxes),
+        }
+    }
+
     /// Whether the last box of the episode has been taken.
     #[must_use]
     pub fn episode_is_over(&self) -> bool {
@@ -90,15 +144,12 @@ impl Belt {
         if self.episodes > 0 && self.begun == self.episodes {
             return false;
         }
-        let boxes = match &self.source {
-            Source::File(set) => set.episodes[(self.begun % set.episodes.len() as u64) as usize].clone(),
-            Source::Generated { recipe, seed } => match recipe.episode(Split::Live, *seed, self.begun) {
-                Ok(episode) => episode.boxes,
-                Err(error) => {
-                    tally.refuse(&error);
-                    return false;
-                }
-            },
+        let boxes = match self.episode(self.begun) {
+            Ok(boxes) => boxes,
+            Err(error) => {
+                tally.refuse(&error);
+                return false;
+            }
         };
         self.before += self.boxes.len() as u64;
         (self.boxes, self.next) = (boxes, 0);
@@ -128,4 +179,10 @@ impl Belt {
         let id = self.before + index as u64 + 1;
         self.boxes.get(index).and_then(|spec| BoxSpec::new(id, spec.size_mm()).ok())
     }
+}
+
+fn checksum(boxes: &[BoxSpec]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    boxes.iter().flat_map(BoxSpec::size_mm).for_each(|side_mm: u32| hasher.update(&side_mm.to_le_bytes()));
+    hasher.finalize()
 }

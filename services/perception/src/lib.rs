@@ -3,16 +3,25 @@
 //! It says what it sees until the arm has the box (rule "level, not edge"), so that whoever comes late, or comes
 //! back, sees the present. The arm obeys a command once, and only for the box at the pick position on the present
 //! revision; any other command is reported as refused.
+//!
+//! Everything that a motion changes is matter: [`Perception::world`] is kept in a file, which is written before anybody
+//! is told, so that a restarted stub finds the containers, the belt and the arm as they stand.
 
 mod belt;
+mod world;
 
 use messages::{
     Action, BeltState, BoxQueue, Malformed, MotionOutcome, MotionReport, PlaceCommand, UPCOMING_MAX, WireBox,
+    WirePlacement,
 };
 use packing::{BoxSpec, Extent, Grid, Placement};
 use runtime::Tally;
+use serde::{Deserialize, Serialize};
 
-pub use belt::{Belt, StreamError};
+use world::Moving;
+
+pub use belt::{Belt, Position, StreamError};
+pub use world::{World, WorldError};
 
 /// How the stub behaves.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +48,10 @@ pub struct Perception {
     /// When the next box is due at the pick position [ns].
     due_ns: u64,
     taken: u64,
+    /// The arm's last report.
+    last: Option<Reported>,
+    /// Whether the world has changed since it was kept last.
+    is_changed: bool,
     tally: Tally,
 }
 
@@ -50,17 +63,27 @@ enum Phase {
     /// A box lies at the pick position.
     Present { spec: BoxSpec, observed_ns: u64, repeat_at_ns: u64 },
     /// The arm moves.
-    Moving { spec: BoxSpec, motion: Motion, revision: u64, done_ns: u64 },
+    Moving { spec: BoxSpec, moving: Moving, done_ns: u64 },
     /// There are no more boxes.
     Ended,
 }
 
 /// What the arm does with a box.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 enum Motion {
-    Place(Placement),
+    Place(WirePlacement),
     SetAside,
     Replace { slot: u16 },
+}
+
+/// What the arm reported of one order.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Reported {
+    order: u64,
+    box_id: u64,
+    revision: u64,
+    action: u32,
+    outcome: MotionOutcome,
 }
 
 /// What is to be published, in this order.
@@ -91,7 +114,65 @@ impl Perception {
     pub fn new(behaviour: Behaviour, grid: Grid, belt: Belt, now_ns: u64) -> Self {
         let next_container = grid.slots().len() as u32;
         let (phase, tally) = (Phase::Waiting, Tally::default());
-        Self { behaviour, grid, next_container, belt, phase, due_ns: now_ns, taken: 0, tally }
+        let (due_ns, taken, last, is_changed) = (now_ns, 0, None, true);
+        Self { behaviour, grid, next_container, belt, phase, due_ns, taken, last, is_changed, tally }
+    }
+
+    /// The world as it was left, whose next box is due at `now_ns`. A motion that was under way begins anew.
+    ///
+    /// # Errors
+    /// [`WorldError`] if the cell or the stream is another one.
+    pub fn resume(
+        behaviour: Behaviour,
+        empty: &Grid,
+        mut belt: Belt,
+        world: &World,
+        now_ns: u64,
+    ) -> Result<Self, WorldError> {
+        let grid = world.grid(empty.size(), empty.slots().len())?;
+        belt.go_to(world.position)?;
+        let mut phase = Phase::Waiting;
+        if let Some(moving) = world.moving {
+            let spec = belt.take_next().ok_or(WorldError::Damaged)?;
+            phase = Phase::Moving { spec, moving, done_ns: now_ns + behaviour.motion_ns };
+        }
+        let (next_container, taken, last, is_changed) = (world.next_container, world.taken, world.last, false);
+        let (due_ns, tally) = (now_ns, Tally::default());
+        Ok(Self { behaviour, grid, next_container, belt, phase, due_ns, taken, last, is_changed, tally })
+    }
+
+    /// What whoever begins to listen has to know: the containers, and the arm's last report.
+    pub fn begin(&self, say: &mut Vec<Say>) {
+        say.push(Say::Belief);
+        say.extend(self.last.map(|reported| Say::Motion(reported.message())));
+    }
+
+    /// Everything that must outlive the process.
+    #[must_use]
+    pub fn world(&self) -> World {
+        let moving = if let Phase::Moving { moving, .. } = self.phase { Some(moving) } else { None };
+        let is_box_out = moving.is_some() || matches!(self.phase, Phase::Present { .. });
+        let position = self.belt.position(is_box_out);
+        let mut world = World::of(&self.grid, self.next_container, position, self.taken);
+        (world.moving, world.last) = (moving, self.last);
+        world
+    }
+
+    /// Whether the world has changed since it was kept last. Until it is kept, nobody may be told.
+    #[must_use]
+    pub fn is_changed(&self) -> bool {
+        self.is_changed
+    }
+
+    /// The world was kept as it is now, or could not be.
+    pub fn kept(&mut self, result: Result<(), &dyn std::fmt::Display>) {
+        match result {
+            Ok(()) => {
+                self.is_changed = false;
+                self.tally.clear_alarm();
+            }
+            Err(error) => self.tally.raise(error),
+        }
     }
 
     /// The containers as they stand.
@@ -100,12 +181,14 @@ impl Perception {
         &self.grid
     }
 
-    /// Lets the world move on to `now_ns`, and appends what is to be said of it.
+    /// Lets the world move on to `now_ns`, one change at a time, and appends what is to be said of it.
     pub fn on_time(&mut self, now_ns: u64, say: &mut Vec<Say>) {
-        if let Phase::Moving { spec, motion, revision, done_ns } = self.phase
+        if let Phase::Moving { spec, moving, done_ns } = self.phase
             && now_ns >= done_ns
         {
-            self.finish(spec, motion, revision, now_ns, say);
+            // That is kept and said first; then the next box comes.
+            self.finish(spec, moving, now_ns, say);
+            return;
         }
         if self.phase == Phase::Waiting && now_ns >= self.due_ns {
             self.bring_next(now_ns, say);
@@ -142,6 +225,9 @@ impl Perception {
                     self.replace(slot);
                 }
                 say.push(Say::Belief);
+                self.is_changed = true;
+                self.due_ns = self.due_ns.max(now_ns);
+                return;
             }
         }
         if let Some(spec) = self.belt.take_next() {
@@ -150,27 +236,27 @@ impl Perception {
         }
     }
 
-    /// The commander's word. The arm moves if it is for what lies on the belt, and reports why if it is not.
+    /// The commander's word. The arm moves if it is for what lies on the belt, and refuses if it cannot.
     pub fn on_command(&mut self, command: &PlaceCommand, now_ns: u64, say: &mut Vec<Say>) {
         match self.check(command) {
             Ok((spec, motion)) => {
-                let done_ns = now_ns + self.behaviour.motion_ns;
-                self.phase = Phase::Moving { spec, motion, revision: command.revision, done_ns };
+                let moving = Moving { order: command.order, revision: command.revision, motion };
                 self.tally.handle(spec.id());
-                if self.behaviour.motion_ns > 0 {
+                self.is_changed = true;
+                if self.behaviour.motion_ns == 0 {
+                    self.finish(spec, moving, now_ns, say);
+                } else {
+                    self.phase = Phase::Moving { spec, moving, done_ns: now_ns + self.behaviour.motion_ns };
                     say.push(Say::Boxes(0));
                 }
-                self.on_time(now_ns, say);
             }
             Err(Refusal::NotPresent { .. }) => self.tally.pass_over(),
             Err(refusal @ (Refusal::Malformed(_) | Refusal::Impossible(_))) => {
                 self.tally.refuse(&refusal);
-                say.push(Say::Motion(report(
-                    command.spec.id,
-                    command.revision,
-                    command.action,
-                    MotionOutcome::Refused,
-                )));
+                let (order, box_id, revision) = (command.order, command.spec.id, command.revision);
+                let (action, outcome) = (command.action, MotionOutcome::Refused);
+                let reported = Reported { order, box_id, revision, action, outcome };
+                say.push(Say::Motion(reported.message()));
             }
         }
     }
@@ -185,7 +271,7 @@ impl Perception {
         let motion = match Action::from_wire(command.action)? {
             Action::Place => {
                 self.grid.check(self.extent(&spec), placement)?;
-                Motion::Place(placement)
+                Motion::Place(placement.into())
             }
             Action::SetAside => Motion::SetAside,
             Action::Replace => {
@@ -199,11 +285,13 @@ impl Perception {
     }
 
     /// The arm has done it.
-    fn finish(&mut self, spec: BoxSpec, motion: Motion, revision: u64, now_ns: u64, say: &mut Vec<Say>) {
+    fn finish(&mut self, spec: BoxSpec, moving: Moving, now_ns: u64, say: &mut Vec<Say>) {
+        let Moving { order, revision, motion } = moving;
         let action = match motion {
             Motion::Place(placement) => {
                 // Nothing but the arm changes the containers, so what was checked before the motion still holds.
-                if let Err(error) = self.grid.place(&spec, placement) {
+                let placed = Placement::try_from(placement).map_err(Refusal::from);
+                if let Err(error) = placed.and_then(|placement| Ok(self.grid.place(&spec, placement)?)) {
                     self.tally.refuse(&error);
                 }
                 Action::Place
@@ -214,7 +302,11 @@ impl Perception {
                 Action::Replace
             }
         };
-        say.push(Say::Motion(report(spec.id(), revision, action.to_wire(), MotionOutcome::Done)));
+        let (box_id, outcome) = (spec.id(), MotionOutcome::Done);
+        let reported = Reported { order, box_id, revision, action: action.to_wire(), outcome };
+        self.last = Some(reported);
+        self.is_changed = true;
+        say.push(Say::Motion(reported.message()));
         if action != Action::SetAside {
             say.push(Say::Belief);
         }
@@ -260,8 +352,12 @@ impl Perception {
     }
 }
 
-fn report(box_id: u64, revision: u64, action: u32, outcome: MotionOutcome) -> MotionReport {
-    MotionReport { header: messages::Header::default(), box_id, revision, action, outcome: outcome.to_wire() }
+impl Reported {
+    fn message(self) -> MotionReport {
+        let Self { order, box_id, revision, action, outcome } = self;
+        let (header, outcome) = (messages::Header::default(), outcome.to_wire());
+        MotionReport { header, order, box_id, revision, action, outcome }
+    }
 }
 
 #[cfg(test)]

@@ -3,12 +3,16 @@
 //! Reads `packcell/commands`; writes `packcell/belief`, `packcell/boxes` and `packcell/motions`. An integrator
 //! replaces it by whatever drives the real camera and arm.
 
+mod world_file;
+
+use anyhow::Context as _;
 use clap::Parser;
 use messages::topics::{BELIEF, BOXES, COMMANDS, MOTIONS, Role};
 use packing::Grid;
 use perception::{Behaviour, Belt, Perception, Say};
 use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
 use tracing::info;
+use world_file::WorldFile;
 
 const NS_PER_MS: u64 = 1_000_000;
 
@@ -38,22 +42,36 @@ fn main() -> anyhow::Result<()> {
     let mut motions = bus.publisher(&MOTIONS)?;
     let bell = bus.bell()?;
     let commands = bus.subscriber(&COMMANDS)?;
+    let (mut file, world) = WorldFile::open(&config.state.world())?;
+    let mut perception = match &world {
+        Some(world) => Perception::resume(behaviour, &grid, belt, world, monotonic_ns()).with_context(|| {
+            format!("cannot go on from {}; remove it to begin anew", config.state.world().display())
+        })?,
+        None => Perception::new(behaviour, grid, belt, monotonic_ns()),
+    };
+    let mut say = Vec::new();
+    perception.begin(&mut say);
     let mut reporter = Reporter::new(&bus, &format!("stub: {}", settings.stream))?;
-    let mut perception = Perception::new(behaviour, grid, belt, monotonic_ns());
-    info!(stream = settings.stream, "ready");
+    info!(stream = settings.stream, goes_on = world.is_some(), "ready");
 
-    let mut say = vec![Say::Belief];
-    while bell.wait(if say.is_empty() { perception.wake_ns() } else { Some(0) })? {
-        while let Some(command) = commands.receive()? {
+    while bell.wait(if perception.is_changed() { None } else { perception.wake_ns() })? {
+        while !perception.is_changed()
+            && let Some(command) = commands.receive()?
+        {
             perception.on_command(&command, monotonic_ns(), &mut say);
         }
-        perception.on_time(monotonic_ns(), &mut say);
-        for said in say.drain(..) {
-            match said {
-                Say::Motion(report) => motions.publish(0, |motion| *motion = report)?,
-                Say::Belief => beliefs.publish(0, |belief| belief.write(perception.grid()))?,
-                Say::Boxes(observed_ns) => queues.publish(observed_ns, |queue| perception.write_boxes(queue))?,
-            };
+        if !perception.is_changed() {
+            perception.on_time(monotonic_ns(), &mut say);
+        }
+        // Nobody is told what is not kept; until it is, the belt and the arm stand still.
+        if file.keep(&mut perception) {
+            for said in say.drain(..) {
+                match said {
+                    Say::Motion(report) => motions.publish(0, |motion| *motion = report)?,
+                    Say::Belief => beliefs.publish(0, |belief| belief.write(perception.grid()))?,
+                    Say::Boxes(observed_ns) => queues.publish(observed_ns, |queue| perception.write_boxes(queue))?,
+                };
+            }
         }
         beliefs.greet_newcomers()?;
         motions.greet_newcomers()?;

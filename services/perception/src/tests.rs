@@ -30,6 +30,7 @@ fn behaviour() -> Behaviour {
 fn on_time(perception: &mut Perception, now_ns: u64) -> Vec<Say> {
     let mut say = Vec::new();
     perception.on_time(now_ns, &mut say);
+    move_on(perception, now_ns, &mut say);
     say
 }
 
@@ -37,10 +38,26 @@ fn command(perception: &mut Perception, action: Action, placement: Placement, no
     let queue = boxes(perception);
     let (spec, revision) = (queue.current, queue.revision);
     let action = action.to_wire();
-    let command = PlaceCommand { spec, revision, action, placement: placement.into(), ..PlaceCommand::zeroed() };
+    let (order, placement) = (7, placement.into());
+    let command = PlaceCommand { order, spec, revision, action, placement, ..PlaceCommand::zeroed() };
     let mut say = Vec::new();
     perception.on_command(&command, now_ns, &mut say);
+    move_on(perception, now_ns, &mut say);
     say
+}
+
+/// Keeps the world and lets it move on, as its process does, until there is nothing to do.
+fn move_on(perception: &mut Perception, now_ns: u64, say: &mut Vec<Say>) {
+    while perception.is_changed() {
+        perception.kept(Ok(()));
+        perception.on_time(now_ns, say);
+    }
+}
+
+/// What the arm says of the first order, which is to place the first box.
+fn report(outcome: MotionOutcome) -> MotionReport {
+    let (box_id, action, outcome) = (1, Action::Place.to_wire(), outcome.to_wire());
+    MotionReport { order: 7, box_id, action, outcome, ..MotionReport::zeroed() }
 }
 
 fn boxes(perception: &Perception) -> BoxQueue {
@@ -69,8 +86,7 @@ fn a_placed_box_changes_the_belief_and_the_next_one_comes() {
     let mut perception = perception("[[1, 2, 3], [2, 2, 2]]", behaviour());
     on_time(&mut perception, 5);
     let said = command(&mut perception, Action::Place, at(0, 0), 9);
-    let motion = report(1, 0, Action::Place.to_wire(), MotionOutcome::Done);
-    assert_eq!(said, [Say::Motion(motion), Say::Belief, Say::Boxes(9)]);
+    assert_eq!(said, [Say::Motion(report(MotionOutcome::Done)), Say::Belief, Say::Boxes(9)]);
     assert_eq!((perception.grid().revision(), boxes(&perception).current.id), (1, 2));
     command(&mut perception, Action::SetAside, at(0, 0), 10);
     assert_eq!(boxes(&perception).belt_state(), Ok(BeltState::Ended));
@@ -86,6 +102,7 @@ fn a_command_is_obeyed_once_and_only_for_what_lies_there() {
     let first = PlaceCommand { spec: queue.current, placement: at(0, 0).into(), ..PlaceCommand::zeroed() };
     let mut say = Vec::new();
     perception.on_command(&first, 6, &mut say);
+    move_on(&mut perception, 6, &mut say);
     let before = perception.grid().revision();
     say.clear();
     perception.on_command(&first, 7, &mut say);
@@ -100,8 +117,7 @@ fn an_impossible_command_is_refused_and_the_box_stays() {
     on_time(&mut perception, 5);
     for placement in [at(7, 0), at(0, 3), Placement { base: 2, ..at(0, 0) }] {
         let said = command(&mut perception, Action::Place, placement, 6);
-        let refused = report(1, 0, Action::Place.to_wire(), MotionOutcome::Refused);
-        assert_eq!(said, [Say::Motion(refused)]);
+        assert_eq!(said, [Say::Motion(report(MotionOutcome::Refused))]);
     }
     assert_eq!(boxes(&perception).belt_state(), Ok(BeltState::BoxPresent));
     assert_eq!((perception.tally().counters.refused, perception.grid().revision()), (3, 0));
@@ -163,4 +179,73 @@ fn streams_that_cannot_be_packed_are_refused() {
     let message = Belt::open("standard", 0, 1, size()).unwrap_err().to_string();
     assert!(message.contains("45 x 80 x 50 cells of 10 mm") && message.contains("[container]"), "{message}");
     assert!(Belt::open("/nonexistent.json", 0, 1, size()).is_err());
+}
+
+/// A stub that dies and comes back, with the world that was kept last.
+fn restart(perception: &Perception, boxes: &str, behaviour: Behaviour, now_ns: u64) -> Perception {
+    let mut bytes = Vec::new();
+    perception.world().encode(&mut bytes);
+    let world = World::decode(&bytes).unwrap();
+    assert_eq!(world, perception.world());
+    let belt = self::perception(boxes, behaviour).belt;
+    Perception::resume(behaviour, &Grid::new(size(), 2).unwrap(), belt, &world, now_ns).unwrap()
+}
+
+#[test]
+fn a_restarted_stub_finds_the_world_as_it_was_left() {
+    let stream = "[[1, 2, 3], [2, 2, 2], [3, 3, 3]], [[4, 4, 4]]";
+    let mut perception = perception(stream, behaviour());
+    on_time(&mut perception, 5);
+    command(&mut perception, Action::Place, at(0, 0), 9);
+    let mut restarted = restart(&perception, stream, behaviour(), 1000);
+    let mut said = Vec::new();
+    restarted.begin(&mut said);
+    assert_eq!(said, [Say::Belief, Say::Motion(report(MotionOutcome::Done))]);
+    assert_eq!(on_time(&mut restarted, 1000), [Say::Boxes(1000)]);
+    assert_eq!(boxes(&restarted), boxes(&perception), "the same box on the same belief");
+    assert_eq!(restarted.grid().slots()[0].surface().heights(), perception.grid().slots()[0].surface().heights());
+    assert_eq!(restarted.grid().slots()[0].revision(), perception.grid().slots()[0].revision());
+    // What the old one was told, the new one does as well.
+    let said = command(&mut restarted, Action::Place, at(0, 2), 1001);
+    assert_eq!(said, command(&mut perception, Action::Place, at(0, 2), 1001));
+}
+
+#[test]
+fn a_motion_that_was_under_way_is_not_forgotten() {
+    let slow = Behaviour { motion_ns: 30 * MS, ..behaviour() };
+    let mut perception = perception("[[1, 1, 1], [1, 1, 1]]", slow);
+    on_time(&mut perception, 0);
+    command(&mut perception, Action::Place, at(0, 0), 10 * MS);
+    let mut restarted = restart(&perception, "[[1, 1, 1], [1, 1, 1]]", slow, 500 * MS);
+    assert_eq!(boxes(&restarted).belt_state(), Ok(BeltState::Taken));
+    assert_eq!(restarted.wake_ns(), Some(530 * MS));
+    let said = on_time(&mut restarted, 530 * MS);
+    assert_eq!(said, [Say::Motion(report(MotionOutcome::Done)), Say::Belief, Say::Boxes(530 * MS)]);
+    assert_eq!((boxes(&restarted).current.id, boxes(&restarted).taken), (2, 1));
+}
+
+#[test]
+fn worlds_that_do_not_fit_are_refused() {
+    let mut perception = perception("[[1, 2, 3], [2, 2, 2]]", behaviour());
+    on_time(&mut perception, 5);
+    command(&mut perception, Action::Place, at(0, 0), 9);
+    let world = perception.world();
+    let resume = |boxes: &str, slots: usize| {
+        let belt = self::perception(boxes, behaviour()).belt;
+        let message = Perception::resume(behaviour(), &Grid::new(size(), slots).unwrap(), belt, &world, 0);
+        message.err().map(|error| error.to_string()).unwrap_or_default()
+    };
+    assert_eq!(resume("[[1, 2, 3], [2, 2, 2]]", 2), "");
+    assert!(resume("[[1, 2, 3], [3, 3, 3]]", 2).contains("another stream"));
+    assert!(resume("[[1, 2, 3], [2, 2, 2]]", 3).contains("the cell has 3 x [4, 4, 4] cells"));
+    let mut bytes = Vec::new();
+    world.encode(&mut bytes);
+    for length in 0..bytes.len() {
+        assert!(World::decode(&bytes[..length]).is_err(), "cut at {length}");
+    }
+    for at in 0..bytes.len() {
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 1;
+        assert!(World::decode(&flipped).is_err(), "flipped at {at}");
+    }
 }

@@ -3,9 +3,8 @@
 //! Keeps nothing between boxes but a copy of the grid and its last verdict. A restart loses nothing: the next
 //! repetition of the set is answered, and meanwhile the commander has other opinions.
 
-use messages::topics::SCORERS_MAX;
-use messages::{Belief, CANDIDATES_MAX, CandidateSet, Decision, GridCopy, Malformed, UPCOMING_MAX, WireBox};
-use packing::{BoxSpec, Candidate, ContainerSize, Extent, Grid, Placement, Yaw};
+use messages::{Belief, CANDIDATES_MAX, CandidateSet, Decision, GridCopy, Instance, Malformed, UPCOMING_MAX, WireBox};
+use packing::{BoxSpec, Candidate, ContainerSize, Extent, Grid, PlaceError, Placement, Yaw};
 use policy::{NotFinite, Policy};
 use runtime::Tally;
 
@@ -13,12 +12,28 @@ use runtime::Tally;
 #[derive(Debug)]
 pub struct Scorer {
     policy: Policy,
-    instance: u32,
+    instance: Instance,
+    /// The set that was answered last.
+    answered: Option<Answered>,
     grid: GridCopy,
     candidates: Vec<Candidate>,
     upcoming: Vec<Extent>,
     tally: Tally,
 }
+
+/// Which set was answered, whose it was, and when.
+#[derive(Clone, Copy, Debug)]
+struct Answered {
+    box_id: u64,
+    revision: u64,
+    set_digest: u64,
+    publisher: u64,
+    received_ns: u64,
+}
+
+/// For so long after an answer, the same set from another generator is the same work [ns]. After that it may be that
+/// the first generator has died and somebody missed the answer.
+const EQUAL_WORK_NS: u64 = 10_000_000;
 
 /// The answer to one set, ready to be written where the commander will read it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,30 +56,17 @@ enum Refusal {
     Malformed(#[from] Malformed),
     #[error(transparent)]
     NotFinite(#[from] NotFinite),
-}
-
-/// A letter that names no instance.
-#[derive(Debug, thiserror::Error)]
-#[error("there is no scorer instance {0:?}: use a letter from a to {last}", last = (b'a' + SCORERS_MAX as u8 - 1) as char)]
-pub struct InstanceError(pub String);
-
-/// The number of the instance that a letter names: `a` is 0.
-///
-/// # Errors
-/// [`InstanceError`] for anything but a letter from `a` to `h`.
-pub fn parse_instance(letter: &str) -> Result<u32, InstanceError> {
-    match letter.as_bytes() {
-        &[byte @ b'a'..=b'z'] if usize::from(byte - b'a') < SCORERS_MAX => Ok(u32::from(byte - b'a')),
-        _ => Err(InstanceError(letter.to_owned())),
-    }
+    #[error("a candidate breaks a rule: {0}")]
+    Infeasible(#[from] PlaceError),
 }
 
 impl Scorer {
     /// The instance of this number with this policy.
     #[must_use]
-    pub fn new(policy: Policy, instance: u32) -> Self {
+    pub fn new(policy: Policy, instance: Instance) -> Self {
         let (candidates, upcoming) = (Vec::with_capacity(CANDIDATES_MAX), Vec::with_capacity(UPCOMING_MAX));
-        Self { policy, instance, grid: GridCopy::default(), candidates, upcoming, tally: Tally::default() }
+        let (grid, tally, answered) = (GridCopy::default(), Tally::default(), None);
+        Self { policy, instance, answered, grid, candidates, upcoming, tally }
     }
 
     /// Scores as many candidates as a set can have, so that no box pays for what is done only once: the memory of all
@@ -91,21 +93,26 @@ impl Scorer {
         }
     }
 
-    /// The policy's answer to a set; nothing if the set is empty, or if set and belief are not of one revision. A
-    /// policy that plans gives its best so far once `is_over` says so.
+    /// The policy's answer to a set that was received at `received_ns`; nothing if the set is empty, if set and belief
+    /// are not of one revision, or if another generator's equal set was answered just now. A policy that plans gives
+    /// its best so far once `is_over` says so.
     pub fn decide(
         &mut self,
         set: &CandidateSet,
         belief: &Belief,
+        received_ns: u64,
         is_over: &mut dyn FnMut() -> bool,
     ) -> Option<Verdict> {
-        if set.revision != belief.revision {
+        if set.revision != belief.revision || self.is_equal_work(set, received_ns) {
             self.tally.pass_over();
             return None;
         }
         match self.try_decide(set, belief, is_over) {
             Ok(verdict) => {
-                self.tally.handle(set.current.id);
+                let (box_id, revision, set_digest) = (set.current.id, set.revision, set.digest);
+                let publisher = set.header.publisher;
+                self.answered = Some(Answered { box_id, revision, set_digest, publisher, received_ns });
+                self.tally.handle(box_id);
                 verdict
             }
             Err(refusal) => {
@@ -113,6 +120,16 @@ impl Scorer {
                 None
             }
         }
+    }
+
+    /// Whether another generator's equal set was answered just now. A set that its own generator says again is
+    /// answered again: somebody may have missed the first answer.
+    fn is_equal_work(&self, set: &CandidateSet, received_ns: u64) -> bool {
+        self.answered.is_some_and(|answered| {
+            (answered.box_id, answered.revision, answered.set_digest) == (set.current.id, set.revision, set.digest)
+                && answered.publisher != set.header.publisher
+                && received_ns.saturating_sub(answered.received_ns) < EQUAL_WORK_NS
+        })
     }
 
     fn try_decide(
@@ -124,16 +141,14 @@ impl Scorer {
         let spec = set.spec()?;
         set.read_candidates(&mut self.candidates)?;
         let grid = self.grid.follow(belief)?;
-        if let Some(stray) = self.candidates.iter().find(|c| usize::from(c.placement.slot) >= grid.slots().len()) {
-            return Err(Malformed::Unknown { field: "slot", value: stray.placement.slot.into() }.into());
-        }
         let cell_mm = grid.size().cell_mm();
+        let extent = spec.extent(cell_mm);
+        self.candidates.iter().try_for_each(|candidate| grid.check(extent, candidate.placement))?;
         let extent_of = |&wire: &WireBox| BoxSpec::try_from(wire).map(|spec| spec.extent(cell_mm));
         self.upcoming.clear();
         for wire in set.known_upcoming()? {
             self.upcoming.push(extent_of(wire)?);
         }
-        let extent = spec.extent(cell_mm);
         let choice = self.policy.choose_within(grid, extent, &self.upcoming, &self.candidates, is_over)?;
         Ok(choice.map(|choice| Verdict {
             box_id: spec.id(),
@@ -141,7 +156,7 @@ impl Scorer {
             set_digest: set.digest,
             observed_ns: set.header.observed_ns,
             model: self.policy.fingerprint(),
-            instance: self.instance,
+            instance: self.instance.to_wire(),
             best: choice.index as u32,
             value: choice.value,
             depth: u32::from(choice.depth),
@@ -180,7 +195,7 @@ mod tests {
     use super::*;
 
     fn scorer() -> Scorer {
-        Scorer::new(Policy::new(PolicyKind::Walle, Engine::BurnFlex, None).unwrap(), 1)
+        Scorer::new(Policy::new(PolicyKind::Walle, Engine::BurnFlex, None).unwrap(), "b".parse().unwrap())
     }
 
     fn question() -> (Box<Belief>, Box<CandidateSet>, Vec<Candidate>) {
@@ -198,7 +213,7 @@ mod tests {
     #[test]
     fn a_set_is_answered_with_the_policys_choice() {
         let (belief, set, candidates) = question();
-        let verdict = scorer().decide(&set, &belief, &mut || false).unwrap();
+        let verdict = scorer().decide(&set, &belief, 0, &mut || false).unwrap();
         let best = Heuristic::walle_choice(&candidates).unwrap();
         assert_eq!((verdict.box_id, verdict.instance, verdict.best), (5, 1, best as u32));
         assert_eq!(verdict.set_digest, set.digest);
@@ -209,26 +224,32 @@ mod tests {
         let mut scorer = scorer();
         let (belief, mut set, _) = question();
         set.revision = 1;
-        assert_eq!(scorer.decide(&set, &belief, &mut || false), None);
-        let (_, mut set, mut candidates) = question();
+        assert_eq!(scorer.decide(&set, &belief, 0, &mut || false), None);
+        let (_, mut set, candidates) = question();
         set.write_candidates(&[]);
-        assert_eq!(scorer.decide(&set, &belief, &mut || false), None);
+        assert_eq!(scorer.decide(&set, &belief, 0, &mut || false), None);
         assert_eq!((scorer.tally().counters.stale, scorer.tally().counters.refused), (1, 0));
-        candidates[0].placement.slot = 2;
-        set.write_candidates(&candidates);
-        assert_eq!(scorer.decide(&set, &belief, &mut || false), None);
+        for stray in [Placement { slot: 2, ..candidates[0].placement }, Placement { i: 60, ..candidates[0].placement }]
+        {
+            set.write_candidates(&[Candidate { placement: stray, ..candidates[0] }]);
+            assert_eq!(scorer.decide(&set, &belief, 0, &mut || false), None);
+        }
         set.count = 9999;
-        assert_eq!(scorer.decide(&set, &belief, &mut || false), None);
-        assert_eq!(scorer.tally().counters.refused, 2);
+        assert_eq!(scorer.decide(&set, &belief, 0, &mut || false), None);
+        assert_eq!(scorer.tally().counters.refused, 3);
     }
 
     #[test]
-    fn instances_have_letters() {
-        assert_eq!(parse_instance("a").unwrap(), 0);
-        assert_eq!(parse_instance("h").unwrap(), 7);
-        for wrong in ["i", "A", "", "ab", "1"] {
-            let message = parse_instance(wrong).unwrap_err().to_string();
-            assert!(message.ends_with("use a letter from a to h"), "{message}");
-        }
+    fn two_generators_make_work_once_unless_one_of_them_says_it_again() {
+        let (belief, mut set, _) = question();
+        let mut scorer = scorer();
+        let mut answers = |publisher, received_ns| {
+            set.header.publisher = publisher;
+            scorer.decide(&set, &belief, received_ns, &mut || false).is_some()
+        };
+        assert!(answers(1, 100));
+        assert!(!answers(2, 200), "the same set of the other generator");
+        assert!(answers(1, 300), "a repetition");
+        assert!(answers(2, 300 + EQUAL_WORK_NS), "the first generator says nothing any more");
     }
 }

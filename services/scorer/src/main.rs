@@ -5,10 +5,11 @@
 
 use anyhow::Context as _;
 use clap::Parser;
+use messages::Instance;
 use messages::topics::{BELIEF, CANDIDATES, DECISIONS, Role};
 use policy::{Engine, Model, Policy, PolicyKind};
 use runtime::{Bus, Reporter, ScorerConfig, ServiceArgs, monotonic_ns};
-use scorer::{Scorer, parse_instance};
+use scorer::Scorer;
 use tracing::info;
 
 /// Scores the candidates of every box with a trained network.
@@ -19,31 +20,40 @@ struct Args {
     service: ServiceArgs,
     /// The letter of this instance: a to h
     #[arg(long, default_value = "a")]
-    instance: String,
+    instance: Instance,
+    /// Only load the policy and its model, say what they are, and end
+    #[arg(long)]
+    check: bool,
 }
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     let config = args.service.load()?;
-    let (policy, detail) = load_policy(&config.scorer)?;
-    let mut scorer = Scorer::new(policy, parse_instance(&args.instance)?);
-    let think_ns = config.scorer.think_us * 1000;
+    let settings = config.scorer_instance(args.instance)?;
+    let (policy, detail) = load_policy(&settings)?;
+    let mut scorer = Scorer::new(policy, args.instance);
+    let think_ns = settings.think_us * 1000;
     scorer.warm_up(config.container_size()?, config.container.slots);
+    if args.check {
+        info!(policy = detail, "can be used");
+        return Ok(());
+    }
 
     let bus = Bus::join(&config.bus, Role::Scorer)?;
     let bell = bus.bell()?;
     let mut beliefs = bus.latest(&BELIEF)?;
     let mut sets = bus.latest(&CANDIDATES)?;
     let mut decisions = bus.publisher(&DECISIONS)?;
-    let mut reporter = Reporter::new(&bus, &format!("{}: {detail}", args.instance))?;
-    info!(instance = args.instance, policy = detail, "ready");
+    let mut reporter = Reporter::new(&bus, &detail)?.of_instance(args.instance.to_wire());
+    info!(instance = %args.instance, policy = detail, "ready");
 
     while bell.wait(None)? {
         let received_ns = monotonic_ns();
         if sets.refresh()? {
             beliefs.refresh()?;
             if let (Some(set), Some(belief)) = (sets.get(), beliefs.get())
-                && let Some(verdict) = scorer.decide(set, belief, &mut || monotonic_ns() >= received_ns + think_ns)
+                && let Some(verdict) =
+                    scorer.decide(set, belief, received_ns, &mut || monotonic_ns() >= received_ns + think_ns)
             {
                 decisions.publish(verdict.observed_ns(), |decision| verdict.write(decision, received_ns))?;
             }

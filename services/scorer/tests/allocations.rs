@@ -2,7 +2,7 @@
 
 use allocation_counter::measure;
 use bytemuck::Zeroable;
-use messages::{Belief, CandidateSet, Decision, WireBox};
+use messages::{Belief, CandidateSet, Decision, Instance, WireBox};
 use packing::{ContainerSize, Grid, Recipe, Split, WalleWeights, corner_candidates};
 use policy::{Engine, Policy, PolicyKind};
 use scorer::Scorer;
@@ -15,7 +15,7 @@ fn a_box_is_scored_without_allocation() {
     let episode = Recipe::standard().episode(Split::Test, 1, 0).unwrap();
     for kind in [PolicyKind::Walle, PolicyKind::PackmanPublished, PolicyKind::Packman] {
         let policy = Policy::new(kind, Engine::Fused, kind.built_in_model().unwrap().as_ref()).unwrap();
-        let mut scorer = Scorer::new(policy, 0);
+        let mut scorer = Scorer::new(policy, Instance::default());
         scorer.warm_up(ContainerSize::PAPER, 16);
         let mut grid = Grid::new(ContainerSize::PAPER, 16).unwrap();
         let mut belief: Box<Belief> = Box::new(Zeroable::zeroed());
@@ -28,7 +28,7 @@ fn a_box_is_scored_without_allocation() {
             (set.current, set.revision) = (WireBox::from(*spec), grid.revision());
             set.write_candidates(&candidates);
             let counted = measure(|| {
-                let verdict = scorer.decide(&set, &belief, &mut || false).expect("a box that fits has a verdict");
+                let verdict = scorer.decide(&set, &belief, 0, &mut || false).expect("a box that fits has a verdict");
                 verdict.write(&mut decision, 0);
             });
             assert!(number < WARM_UP || counted.count_total == 0, "{kind}, box {number}: {counted:?}");

@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use packing::BoxSpec;
+use serde::{Deserialize, Serialize};
 
 use crate::header::impl_message;
 use crate::{Header, Malformed};
@@ -34,7 +35,7 @@ pub struct BoxQueue {
 }
 
 /// A box as measured on the belt.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend, Serialize, Deserialize)]
 #[type_name("packcell/WireBox/v1")]
 #[repr(C)]
 pub struct WireBox {

@@ -3,17 +3,21 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use packing::{Placement, Yaw};
+use serde::{Deserialize, Serialize};
 
 use crate::header::impl_message;
 use crate::{Header, Malformed, WireBox};
 
 /// What the arm is told to do with one box. Said again until the arm reports the motion; a box is moved once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("packcell/PlaceCommand/v1")]
+#[type_name("packcell/PlaceCommand/v2")]
 #[repr(C)]
 pub struct PlaceCommand {
     /// See [`Header`].
     pub header: Header,
+    /// Counts the commander's orders over its whole life, restarts included. A command that is said again has the
+    /// number it had.
+    pub order: u64,
     /// The box.
     pub spec: WireBox,
     /// The revision of the belief on which it was decided; void on any other.
@@ -26,11 +30,13 @@ pub struct PlaceCommand {
 
 /// What the arm did with one box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("packcell/MotionReport/v1")]
+#[type_name("packcell/MotionReport/v2")]
 #[repr(C)]
 pub struct MotionReport {
     /// See [`Header`].
     pub header: Header,
+    /// The order that was commanded.
+    pub order: u64,
     /// The box.
     pub box_id: u64,
     /// The revision for which the motion was commanded.
@@ -42,7 +48,7 @@ pub struct MotionReport {
 }
 
 /// A [`Placement`] on the wire.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend, Serialize, Deserialize)]
 #[type_name("packcell/WirePlacement/v1")]
 #[repr(C)]
 pub struct WirePlacement {
@@ -61,7 +67,7 @@ pub struct WirePlacement {
 }
 
 /// What the arm is told to do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Action {
     /// Put the box where the placement says.
     Place,
@@ -72,17 +78,20 @@ pub enum Action {
 }
 
 /// How a motion ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum MotionOutcome {
     /// As commanded.
     Done,
     /// Not begun: the command did not fit the present state. The box is where it was.
     Refused,
+    /// Nobody knows: the arm never said, and the belt or the belief has moved on. No arm reports this; it is what the
+    /// commander writes down.
+    Unreported,
 }
 
 const _: () = assert!(size_of::<WirePlacement>() == 12);
-const _: () = assert!(size_of::<PlaceCommand>() == 32 + 24 + 8 + 4 + 12);
-const _: () = assert!(size_of::<MotionReport>() == 32 + 16 + 8);
+const _: () = assert!(size_of::<PlaceCommand>() == 32 + 8 + 24 + 8 + 4 + 12);
+const _: () = assert!(size_of::<MotionReport>() == 32 + 8 + 16 + 8);
 
 impl_message!(PlaceCommand, MotionReport);
 
@@ -118,6 +127,7 @@ impl MotionOutcome {
         match self {
             Self::Done => 0,
             Self::Refused => 1,
+            Self::Unreported => 2,
         }
     }
 
@@ -129,6 +139,7 @@ impl MotionOutcome {
         match value {
             0 => Ok(Self::Done),
             1 => Ok(Self::Refused),
+            2 => Ok(Self::Unreported),
             _ => Err(Malformed::Unknown { field: "outcome", value }),
         }
     }
@@ -178,9 +189,9 @@ mod tests {
         for action in [Action::Place, Action::SetAside, Action::Replace] {
             assert_eq!(Action::from_wire(action.to_wire()), Ok(action));
         }
-        for outcome in [MotionOutcome::Done, MotionOutcome::Refused] {
+        for outcome in [MotionOutcome::Done, MotionOutcome::Refused, MotionOutcome::Unreported] {
             assert_eq!(MotionOutcome::from_wire(outcome.to_wire()), Ok(outcome));
         }
-        assert!(Action::from_wire(3).is_err() && MotionOutcome::from_wire(2).is_err());
+        assert!(Action::from_wire(3).is_err() && MotionOutcome::from_wire(3).is_err());
     }
 }

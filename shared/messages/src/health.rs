@@ -9,7 +9,7 @@ use crate::{Header, Malformed, Text};
 
 /// One process's word about itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("packcell/Health/v1")]
+#[type_name("packcell/Health/v2")]
 #[repr(C)]
 pub struct Health {
     /// See [`Header`].
@@ -18,6 +18,10 @@ pub struct Health {
     pub role: u32,
     /// Its process id.
     pub pid: u32,
+    /// A scorer's instance: 0 is `a`. [`NO_INSTANCE`] for every other role.
+    pub instance: u32,
+    /// Zero.
+    pub reserved: u32,
     /// When it was ready [ns, CLOCK_MONOTONIC].
     pub ready_ns: u64,
     /// What it did so far.
@@ -26,7 +30,12 @@ pub struct Health {
     pub detail: Text,
     /// Why it refused a message last; empty if it never did.
     pub refusal: Text,
+    /// What keeps it from doing its work right now; empty if nothing does.
+    pub alarm: Text,
 }
+
+/// What stands in [`Health::instance`] of a process that is no scorer.
+pub const NO_INSTANCE: u32 = u32::MAX;
 
 /// What a process did since it started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
@@ -43,7 +52,7 @@ pub struct Counters {
     pub last_box: u64,
 }
 
-const _: () = assert!(size_of::<Health>() == 32 + 16 + 32 + 48 + 48);
+const _: () = assert!(size_of::<Health>() == 32 + 24 + 32 + 3 * 48);
 
 impl_message!(Health);
 

@@ -10,6 +10,8 @@
 //! | `packcell/motions` | [`MotionReport`] | arm -> commander | commander |
 //! | `packcell/cycles` | [`CycleReport`] | commander -> tools | nobody: tools poll |
 //! | `packcell/health` | [`Health`] | everybody -> tools | nobody: tools poll |
+//! | `packcell/control` | [`Control`] | tools -> commander, `packcell up` | commander |
+//! | `packcell/active` | [`Active`] | commander -> tools | nobody: tools poll |
 //!
 //! Every topic keeps its newest message for whoever comes late, and overflows by dropping the oldest message of the
 //! reader that is slow: a writer never waits for a reader. A lost message shows as a gap in the header's sequence.
@@ -17,7 +19,8 @@
 use std::marker::PhantomData;
 
 use crate::{
-    Belief, BoxQueue, CandidateSet, CycleReport, Decision, Health, Malformed, Message, MotionReport, PlaceCommand,
+    Active, Belief, BoxQueue, CandidateSet, Control, CycleReport, Decision, Health, Malformed, Message, MotionReport,
+    PlaceCommand,
 };
 
 /// A stream of messages of one type.
@@ -74,6 +77,10 @@ pub const MOTIONS: Topic<MotionReport> = Topic::new("packcell/motions", 1, 2, &[
 pub const CYCLES: Topic<CycleReport> = Topic::new("packcell/cycles", 1, 1024, &[]);
 /// What every process is doing.
 pub const HEALTH: Topic<Health> = Topic::new("packcell/health", 24, 1, &[]);
+/// What an operator asks for. One at a time: two swaps at once would undo each other.
+pub const CONTROL: Topic<Control> = Topic::new("packcell/control", 1, 4, &[Role::Commander]);
+/// Which scorer instance is obeyed.
+pub const ACTIVE: Topic<Active> = Topic::new("packcell/active", 1, 1, &[]);
 
 impl<M: Message> Topic<M> {
     const fn new(name: &'static str, publishers_max: usize, depth: usize, wakes: &'static [Role]) -> Self {

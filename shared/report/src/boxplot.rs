@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use crate::chart::{Axis, colour, open_svg, push_legend, push_name};
 use crate::escape;
 
 /// The five numbers of a box plot, its mean, and what lies beyond the whiskers.
@@ -48,58 +49,64 @@ const BOTTOM_PX: f64 = 56.0;
 /// Widest box [px].
 const BOX_PX_MAX: f64 = 46.0;
 
-/// About so many steps on the axis.
-const TICKS: f64 = 6.0;
+/// Room for a legend above the boxes [px].
+const LEGEND_PX: f64 = 26.0;
+
+/// What one box, its gap and its share of the gap between groups take in a chart of groups [px].
+const GROUPED_BOX_PX: f64 = 34.0;
 
 /// One box plot for each named series, side by side, over an axis that says what is measured.
 ///
 /// Line: median. Diamond: mean. Whiskers: 1.5 times the box. Dots: episodes beyond.
 #[must_use]
 pub fn box_plots(axis: &str, series: &[(String, Vec<f64>)]) -> String {
-    let spreads: Vec<_> = series.iter().map(|(_, values)| Spread::of(values)).collect();
-    let all = || series.iter().flat_map(|(_, values)| values).copied().filter(|value| value.is_finite());
-    let scale = Scale::over(all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH_PX} {HEIGHT_PX}\" width=\"{WIDTH_PX}\" \
-         height=\"{HEIGHT_PX}\" role=\"img\" font-family=\"system-ui, sans-serif\" font-size=\"13\" \
-         fill=\"currentColor\" stroke-linecap=\"round\">\n<title>{}</title>\n",
-        escape(axis)
-    );
-    scale.push_axis(&mut svg, axis);
+    let scale = scale_over(series.iter().map(|(_, values)| values), TOP_PX);
+    let mut svg = open_svg(WIDTH_PX, HEIGHT_PX, axis);
+    scale.push_vertical(&mut svg, axis, LEFT_PX, WIDTH_PX - RIGHT_PX);
     let slot_px = (WIDTH_PX - LEFT_PX - RIGHT_PX) / series.len().max(1) as f64;
     let half_px = (slot_px * 0.32).min(BOX_PX_MAX / 2.0);
-    for (index, ((name, values), spread)) in series.iter().zip(&spreads).enumerate() {
+    for (index, (name, values)) in series.iter().enumerate() {
         let x = LEFT_PX + (index as f64 + 0.5) * slot_px;
-        push_name(&mut svg, name, x, slot_px);
-        if let Some(spread) = spread {
-            let _ = writeln!(svg, "<g><title>{}</title>", escape(&spread.describe(name, values.len())));
-            spread.push(&mut svg, x, half_px, &scale);
-            svg.push_str("</g>\n");
+        push_name(&mut svg, name, x, HEIGHT_PX - BOTTOM_PX + 20.0, slot_px);
+        push_box(&mut svg, name, values, x, half_px, &scale, colour(0));
+    }
+    svg.push_str("</svg>\n");
+    svg
+}
+
+/// As [`box_plots`], group by group: each group holds the values of every one of the `names`, which have their colours.
+#[must_use]
+pub fn box_plot_groups(axis: &str, names: &[&str], groups: &[(&str, Vec<Vec<f64>>)]) -> String {
+    let scale = scale_over(groups.iter().flat_map(|(_, series)| series), TOP_PX + LEGEND_PX);
+    let group_px = GROUPED_BOX_PX * (names.len() as f64 + 1.0);
+    let width_px = (LEFT_PX + RIGHT_PX + group_px * groups.len() as f64).max(WIDTH_PX);
+    let mut svg = open_svg(width_px, HEIGHT_PX, axis);
+    scale.push_vertical(&mut svg, axis, LEFT_PX, width_px - RIGHT_PX);
+    push_legend(&mut svg, names.iter().copied(), LEFT_PX, TOP_PX + 8.0);
+    let group_px = (width_px - LEFT_PX - RIGHT_PX) / groups.len().max(1) as f64;
+    for (index, (group, series)) in groups.iter().enumerate() {
+        let middle = LEFT_PX + (index as f64 + 0.5) * group_px;
+        push_name(&mut svg, group, middle, HEIGHT_PX - BOTTOM_PX + 20.0, group_px);
+        let box_px = group_px / (names.len() as f64 + 1.0);
+        for (place, (name, values)) in names.iter().zip(series).enumerate() {
+            let x = middle + (place as f64 + 0.5 - names.len() as f64 / 2.0) * box_px;
+            push_box(&mut svg, &format!("{group}, {name}"), values, x, box_px * 0.36, &scale, colour(place));
         }
     }
     svg.push_str("</svg>\n");
     svg
 }
 
-/// The name under its box, in two lines where it is long.
-fn push_name(svg: &mut String, name: &str, x: f64, slot_px: f64) {
-    let y = HEIGHT_PX - BOTTOM_PX + 20.0;
-    let chars_max = (slot_px / 7.0) as usize;
-    let middle =
-        name.match_indices(['-', ' ', '/']).map(|(at, _)| at + 1).min_by_key(|&at| (2 * at).abs_diff(name.len()));
-    match middle {
-        Some(at) if name.chars().count() > chars_max => {
-            let (first, second) = name.split_at(at);
-            let _ = writeln!(
-                svg,
-                "<text text-anchor=\"middle\"><tspan x=\"{x:.1}\" y=\"{y}\">{}</tspan><tspan x=\"{x:.1}\" dy=\"16\">{}</tspan></text>",
-                escape(first.trim_end()),
-                escape(second)
-            );
-        }
-        _ => {
-            let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y}\" text-anchor=\"middle\">{}</text>", escape(name));
-        }
+fn scale_over<'a>(series: impl Iterator<Item = &'a Vec<f64>> + Clone, top_px: f64) -> Axis {
+    Axis::over(series.flatten().copied(), HEIGHT_PX - BOTTOM_PX, top_px)
+}
+
+/// Draws one box plot around `x`; nothing for values none of which is finite.
+fn push_box(svg: &mut String, name: &str, values: &[f64], x: f64, half_px: f64, scale: &Axis, colour: &str) {
+    if let Some(spread) = Spread::of(values) {
+        let _ = writeln!(svg, "<g><title>{}</title>", escape(&spread.describe(name, values.len())));
+        spread.push(svg, x, half_px, scale, colour);
+        svg.push_str("</g>\n");
     }
 }
 
@@ -109,9 +116,9 @@ impl Spread {
         format!("{name}: median {median:.3}, half of {count} between {low:.3} and {high:.3}, mean {:.3}", self.mean)
     }
 
-    fn push(&self, svg: &mut String, x: f64, half_px: f64, scale: &Scale) {
-        let [low, median, high] = self.quartiles.map(|value| scale.y(value));
-        let [bottom, top] = self.whiskers.map(|value| scale.y(value));
+    fn push(&self, svg: &mut String, x: f64, half_px: f64, scale: &Axis, colour: &str) {
+        let [low, median, high] = self.quartiles.map(|value| scale.px(value));
+        let [bottom, top] = self.whiskers.map(|value| scale.px(value));
         let (left, right, cap_px) = (x - half_px, x + half_px, half_px * 0.5);
         let (cap_left, cap_right) = (x - cap_px, x + cap_px);
         let _ = writeln!(
@@ -122,67 +129,25 @@ impl Spread {
         let (width, height) = (2.0 * half_px, (low - high).max(0.5));
         let _ = writeln!(
             svg,
-            "<rect x=\"{left:.1}\" y=\"{high:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"#3b82c4\" \
+            "<rect x=\"{left:.1}\" y=\"{high:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{colour}\" \
              fill-opacity=\"0.45\" stroke=\"currentColor\"/>"
         );
         let _ = writeln!(
             svg,
             "<path d=\"M{left:.1} {median:.1}H{right:.1}\" stroke=\"currentColor\" stroke-width=\"2.5\" stroke-linecap=\"butt\"/>"
         );
-        let mean = scale.y(self.mean);
+        let mean = scale.px(self.mean);
         let _ = writeln!(
             svg,
-            "<path d=\"M{x:.1} {mean:.1}m-4 0l4 -4l4 4l-4 4z\" fill=\"#e0762f\" stroke=\"currentColor\" stroke-width=\"0.7\"/>"
+            "<path d=\"M{x:.1} {mean:.1}m-4 0l4 -4l4 4l-4 4z\" fill=\"#fff\" stroke=\"#1b2330\" stroke-width=\"0.9\"/>"
         );
         for &outlier in &self.outliers {
-            let _ =
-                writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{:.1}\" r=\"2.2\" fill-opacity=\"0.55\"/>", scale.y(outlier));
-        }
-    }
-}
-
-/// A vertical axis with round steps.
-struct Scale {
-    low: f64,
-    high: f64,
-    step: f64,
-}
-
-impl Scale {
-    /// An axis over the values from `lowest` to `highest`.
-    fn over(lowest: f64, highest: f64) -> Self {
-        let (lowest, highest) = if lowest <= highest { (lowest, highest) } else { (0.0, 1.0) };
-        let span = (highest - lowest).max(1e-9 + 0.01 * highest.abs());
-        let power = 10f64.powf((span / TICKS).log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|&s| span / s <= TICKS).unwrap_or(span);
-        Self { low: (lowest / step).floor() * step, high: (highest / step).floor() * step + step, step }
-    }
-
-    fn y(&self, value: f64) -> f64 {
-        let share = (value - self.low) / (self.high - self.low);
-        HEIGHT_PX - BOTTOM_PX - share * (HEIGHT_PX - TOP_PX - BOTTOM_PX)
-    }
-
-    fn push_axis(&self, svg: &mut String, title: &str) {
-        let decimals = (-self.step.log10().floor()).max(0.0) as usize;
-        let steps = ((self.high - self.low) / self.step).round() as usize;
-        let (right, middle) = (WIDTH_PX - RIGHT_PX, (HEIGHT_PX - BOTTOM_PX + TOP_PX) / 2.0);
-        for step in 0..=steps {
-            let value = self.low + step as f64 * self.step;
-            let y = self.y(value);
             let _ = writeln!(
                 svg,
-                "<path d=\"M{LEFT_PX} {y:.1}H{right}\" stroke=\"currentColor\" stroke-opacity=\"0.15\"/>\
-                 <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{value:.decimals$}</text>",
-                LEFT_PX - 8.0,
-                y + 4.5
+                "<circle cx=\"{x:.1}\" cy=\"{:.1}\" r=\"2.2\" fill-opacity=\"0.55\"/>",
+                scale.px(outlier)
             );
         }
-        let _ = writeln!(
-            svg,
-            "<text transform=\"translate(16 {middle:.1}) rotate(-90)\" text-anchor=\"middle\" fill-opacity=\"0.75\">{}</text>",
-            escape(title)
-        );
     }
 }
 
@@ -201,23 +166,20 @@ mod tests {
     }
 
     #[test]
-    fn the_axis_has_round_steps_that_hold_all_values() {
-        for (lowest, highest) in [(0.71, 0.93), (1.2, 1.9), (0.0, 0.0), (5.0, 5.0), (-3.0, 1e6), (1e-12, 2e-12)] {
-            let scale = Scale::over(lowest, highest);
-            assert!(scale.low <= lowest && highest <= scale.high, "{lowest} to {highest}");
-            assert!((scale.high - scale.low) / scale.step < 9.0, "{lowest} to {highest}");
-        }
-        let scale = Scale::over(0.71, 0.93);
-        assert!((scale.low - 0.7).abs() < 1e-9 && (scale.step - 0.05).abs() < 1e-9);
-        let nothing = Scale::over(f64::INFINITY, f64::NEG_INFINITY);
-        assert_eq!((nothing.low, nothing.high.is_finite()), (0.0, true));
-    }
-
-    #[test]
     fn a_chart_shows_every_series() {
         let svg = box_plots("fill [%]", &[("a<b".to_owned(), vec![1.0, 2.0, 9.0]), ("none".to_owned(), Vec::new())]);
         assert!(svg.contains(">a&lt;b</text>") && svg.contains(">none</text>"), "{svg}");
         assert_eq!(svg.matches("<rect").count(), 1);
         assert!(box_plots("nothing", &[]).ends_with("</svg>\n"));
+    }
+
+    #[test]
+    fn a_chart_of_groups_shows_every_box_in_its_colour() {
+        let series = vec![vec![1.0, 2.0, 3.0], vec![2.0, 4.0]];
+        let svg = box_plot_groups("fill [%]", &["walle", "packman"], &[("three", series.clone()), ("a<b", series)]);
+        assert_eq!(svg.matches("<g>").count(), 4);
+        assert!(svg.contains(">a&lt;b</text>") && svg.contains("<title>three, packman: median 3.000"), "{svg}");
+        assert_eq!(svg.matches(&format!("fill=\"{}\"", colour(1))).count(), 3, "two boxes and the legend");
+        assert!(box_plot_groups("nothing", &[], &[]).ends_with("</svg>\n"));
     }
 }

@@ -4,12 +4,16 @@
 //! SVG, in light, dark and print. Text from outside is escaped wherever it enters.
 
 mod boxplot;
+mod chart;
+mod curves;
 mod escape;
 mod isometric;
 mod page;
 mod table;
 
-pub use boxplot::{Spread, box_plots};
+pub use boxplot::{Spread, box_plot_groups, box_plots};
+pub use chart::standalone;
+pub use curves::{Line, LineChart, line_charts};
 pub use escape::escape;
 pub use isometric::isometric;
 pub use page::Page;

@@ -6,15 +6,20 @@
 //!   again (`HangsInCreation`): [`Bus`] removes such files and tries again.
 //! - A dead process's resources are cleaned up by the configuration it wrote down, or by the *global* one if it died
 //!   early: [`Bus::join`] makes the cell's configuration the global one, from a file in the cell's own directory.
+//! - A process killed between creating shared memory and giving it a size leaves an empty file, and whoever opens it,
+//!   be it to clean up, waits for ever: cleaning up is ours alone ([`Bus::clean_up_after_the_dead`]), after such files
+//!   are gone.
 //! - A writer waits for ever for a full, dead reader unless overflow is on: it is on everywhere, and
 //!   back-pressure is set to discard besides.
 //! - History is delivered by the *living* publisher, at its next message: [`Publisher::greet_newcomers`].
 //! - Full shared memory kills the process that touches the page: [`Bus::join`] refuses to start without room.
-//! - A timed wait of less than a microsecond waits for ever: [`Bell::wait`] does not sleep then.
+//! - A timed wait ends at a kernel tick, up to 10 ms late, and one of less than a microsecond never: [`Bell::wait`]
+//!   polls the listener's socket instead, with the kernel's high-resolution timers.
 //! - The blackboard pattern stays locked after its writer was killed: it is not used.
 
 use std::fs;
 use std::io;
+use std::os::fd::BorrowedFd;
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::thread;
@@ -27,15 +32,18 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::{
-    BackpressureStrategy, FilePath, LogLevel, NodeBuilder, SemanticString as _, SignalHandlingMode, ipc, set_log_level,
+    BackpressureStrategy, FileDescriptorBased as _, FilePath, LogLevel, NodeBuilder, SemanticString as _,
+    SignalHandlingMode, ipc, set_log_level,
 };
 use iceoryx2::sample::Sample;
 use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError};
 use messages::Message;
 use messages::topics::{
-    BELIEF, BOXES, CANDIDATES, COMMANDS, CYCLES, DECISIONS, HEALTH, MOTIONS, NODES_MAX, Role, SUBSCRIBERS_MAX, Topic,
+    ACTIVE, BELIEF, BOXES, CANDIDATES, COMMANDS, CONTROL, CYCLES, DECISIONS, HEALTH, MOTIONS, NODES_MAX, Role,
+    SUBSCRIBERS_MAX, Topic,
 };
+use rustix::event::{PollFd, PollFlags, Timespec};
 
 use crate::{BusConfig, StopSignal, monotonic_ns};
 
@@ -48,11 +56,14 @@ const JOIN_PAUSE: Duration = Duration::from_millis(20);
 /// Longest sleep on a bell: the safety net under a lost ring, and the beat of whatever is done when idle [ns].
 const SLEEP_NS_MAX: u64 = 50_000_000;
 
-/// Shortest sleep on a bell [ns]; a shorter one does not sleep at all.
-const SLEEP_NS_MIN: u64 = 1_000;
+/// Nanoseconds of a second.
+const NS_PER_S: u64 = 1_000_000_000;
 
 /// Age after which an unfinished service file belongs to nobody alive.
 const UNFINISHED_AGE: Duration = Duration::from_secs(2);
+
+/// Age after which shared memory without a size belongs to nobody alive: to give it one takes microseconds.
+const SIZELESS_AGE: Duration = Duration::from_millis(500);
 
 /// Where POSIX shared memory lives on Linux.
 const SHARED_MEMORY: &str = "/dev/shm";
@@ -129,6 +140,7 @@ pub enum BusError {
 pub struct Bus {
     node: Node<ipc::Service>,
     root_dir: PathBuf,
+    prefix: String,
     role: Role,
     publisher_id: u64,
     stop: StopSignal,
@@ -177,6 +189,8 @@ pub fn shared_memory_bytes() -> u64 {
         + COMMANDS.publisher_bytes()
         + MOTIONS.publisher_bytes()
         + CYCLES.publisher_bytes()
+        + CONTROL.publisher_bytes()
+        + ACTIVE.publisher_bytes()
         + HEALTH.publisher_bytes() * HEALTH.publishers_max;
     total as u64
 }
@@ -195,6 +209,13 @@ impl Bus {
         check_shared_memory()?;
         let iceoryx = iceoryx_config(&root_dir, &settings)?;
         let stop = StopSignal::catch().map_err(BusError::Signals)?;
+        let patience_ends_ns = monotonic_ns() + JOIN_PATIENCE.as_nanos() as u64;
+        while !remove_sizeless_memory(Path::new(SHARED_MEMORY), &config.prefix, SIZELESS_AGE)
+            && monotonic_ns() < patience_ends_ns
+            && !stop.is_set()
+        {
+            thread::sleep(JOIN_PAUSE);
+        }
         let builder = NodeBuilder::new().config(&iceoryx).signal_handling_mode(SignalHandlingMode::Disabled);
         let node = builder.create::<ipc::Service>().map_err(|error| BusError::Iceoryx {
             action: "join",
@@ -204,7 +225,10 @@ impl Bus {
         })?;
         // A process id is unique among the living, and no two processes with the same one start in one microsecond.
         let publisher_id = u64::from(std::process::id()) << 40 | (monotonic_ns() / 1000) & ((1 << 40) - 1);
-        Ok(Self { node, root_dir, role, publisher_id, stop })
+        let prefix = config.prefix.clone();
+        let bus = Self { node, root_dir, prefix, role, publisher_id, stop };
+        bus.clean_up_after_the_dead();
+        Ok(bus)
     }
 
     /// What this process is for.
@@ -219,9 +243,12 @@ impl Bus {
         self.stop.is_set()
     }
 
-    /// Removes what dead processes left on the bus. Takes milliseconds: never while a box waits.
+    /// Removes what dead processes left on the bus, unless one of them died so recently that it cannot be told from
+    /// one that is being born. Takes milliseconds: never while a box waits.
     pub fn clean_up_after_the_dead(&self) {
-        self.node.try_cleanup_dead_nodes();
+        if remove_sizeless_memory(Path::new(SHARED_MEMORY), &self.prefix, SIZELESS_AGE) {
+            self.node.try_cleanup_dead_nodes();
+        }
     }
 
     /// The right to publish on a topic.
@@ -358,7 +385,7 @@ impl Bus {
             if monotonic_ns() >= patience_ends_ns || self.stop.is_set() {
                 return Ok(None);
             }
-            self.node.try_cleanup_dead_nodes();
+            self.clean_up_after_the_dead();
             remove_unfinished_services(&self.root_dir.join("services"), UNFINISHED_AGE);
             thread::sleep(JOIN_PAUSE);
         }
@@ -463,13 +490,20 @@ impl Bell {
         let now = monotonic_ns();
         let sleep_ns = wake_ns.map_or(SLEEP_NS_MAX, |wake| wake.saturating_sub(now).min(SLEEP_NS_MAX));
         // An interrupted sleep is a wake like any other; the flag below says what interrupted it.
-        let _rings = if sleep_ns < SLEEP_NS_MIN {
-            self.listener.try_wait(|_| ())
-        } else {
-            self.listener.timed_wait(|_| (), Duration::from_nanos(sleep_ns))
-        };
+        let _woken = rustix::event::poll(&mut [PollFd::new(&self.socket(), PollFlags::IN)], Some(&timespec(sleep_ns)));
+        let _rings = self.listener.try_wait(|_| ());
         Ok(!self.stop.is_set())
     }
+
+    #[expect(unsafe_code, reason = "iceoryx2 gives its socket as a number")]
+    fn socket(&self) -> BorrowedFd<'_> {
+        // SAFETY: the descriptor belongs to the listener, is open as long as it lives, and is only polled.
+        unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) }
+    }
+}
+
+fn timespec(ns: u64) -> Timespec {
+    Timespec { tv_sec: (ns / NS_PER_S).cast_signed(), tv_nsec: (ns % NS_PER_S).cast_signed() }
 }
 
 /// The bus as iceoryx2 is to see it, in its own words.
@@ -483,7 +517,9 @@ fn iceoryx_settings(config: &BusConfig) -> Result<String, BusError> {
     Ok(format!(
         "# Written by packcell: how iceoryx2 programs reach this bus.\n\
          [global]\nroot-path = \"{root}/\"\nprefix = \"{prefix}\"\n\
-         [global.creation-timeout]\nsecs = 1\nnanos = 0\n"
+         [global.creation-timeout]\nsecs = 1\nnanos = 0\n\
+         [global.node]\ncleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n\
+         [global.service]\ncleanup-dead-nodes-on-open = false\n"
     ))
 }
 
@@ -532,6 +568,27 @@ fn remove_unfinished_services(services: &Path, age: Duration) {
     }
 }
 
+/// Removes shared memory that its creator did not live to give a size, older than `age`; whether none is left.
+fn remove_sizeless_memory(dir: &Path, prefix: &str, age: Duration) -> bool {
+    let mut is_clean = true;
+    for entry in fs::read_dir(dir).into_iter().flatten().flatten() {
+        if !entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
+            continue;
+        }
+        let Ok(state) = entry.metadata() else { continue };
+        if !state.is_file() || state.len() > 0 {
+            continue;
+        }
+        if state.modified().ok().and_then(|time| time.elapsed().ok()).is_some_and(|elapsed| elapsed > age) {
+            tracing::warn!(file = %entry.path().display(), "removed what a killed process left half-created");
+            let _somebody_else_may_have_been_faster = fs::remove_file(entry.path());
+        } else {
+            is_clean = false;
+        }
+    }
+    is_clean
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -566,5 +623,20 @@ mod tests {
         assert!(unfinished.exists(), "a young one may still be finished");
         remove_unfinished_services(dir.path(), Duration::ZERO);
         assert!(!unfinished.exists() && finished.exists() && other.exists());
+    }
+
+    #[test]
+    fn only_old_memory_without_a_size_is_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        let make = |name: &str, bytes: &[u8]| {
+            let path = dir.path().join(name);
+            fs::write(&path, bytes).unwrap();
+            path
+        };
+        let (sizeless, whole, foreign) = (make("x_a", b""), make("x_b", b"b"), make("y_a", b""));
+        assert!(!remove_sizeless_memory(dir.path(), "x_", Duration::from_secs(3600)));
+        assert!(sizeless.exists(), "a young one may still be given a size");
+        assert!(remove_sizeless_memory(dir.path(), "x_", Duration::ZERO));
+        assert!(!sizeless.exists() && whole.exists() && foreign.exists());
     }
 }

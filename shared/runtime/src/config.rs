@@ -2,8 +2,10 @@
 
 use std::fmt::Display;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
+use messages::Instance;
 use packing::{ClosePolicy, ContainerSize, SizeError, WalleWeights, WeightsError};
 use serde::{Deserialize, Serialize};
 use tracing_subscriber::filter::LevelFilter;
@@ -14,6 +16,8 @@ use tracing_subscriber::filter::LevelFilter;
 pub struct Config {
     /// Where the processes meet.
     pub bus: BusConfig,
+    /// What must outlive the processes.
+    pub state: StateConfig,
     /// What is filled.
     pub container: ContainerConfig,
     /// The stub of the physical side.
@@ -36,6 +40,14 @@ pub struct BusConfig {
     pub root_dir: PathBuf,
     /// First letters of the names of the bus's shared memory.
     pub prefix: String,
+}
+
+/// What must outlive the processes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StateConfig {
+    /// Directory of the journal, the stub's world and the scorers' models; on a disk.
+    pub dir: PathBuf,
 }
 
 /// What is filled.
@@ -106,6 +118,8 @@ pub struct CommanderConfig {
     pub hard_deadline_ms: u64,
     /// Which container leaves when a box fits nowhere.
     pub close_policy: String,
+    /// Size at which the journal is put aside and a new one begun [MiB].
+    pub journal_mib: u64,
 }
 
 /// What is logged.
@@ -191,6 +205,38 @@ impl Default for BusConfig {
     }
 }
 
+impl Default for StateConfig {
+    fn default() -> Self {
+        Self { dir: "/var/lib/packcell".into() }
+    }
+}
+
+impl StateConfig {
+    /// The commander's journal.
+    #[must_use]
+    pub fn journal(&self) -> PathBuf {
+        self.dir.join("journal.bin")
+    }
+
+    /// What the stub of the physical side remembers.
+    #[must_use]
+    pub fn world(&self) -> PathBuf {
+        self.dir.join("world.bin")
+    }
+
+    /// The settings of one scorer instance, if it has its own: a file with the keys of the section `[scorer]`.
+    #[must_use]
+    pub fn scorer(&self, instance: Instance) -> PathBuf {
+        self.dir.join(format!("scorer-{instance}.toml"))
+    }
+
+    /// The scorer instances that have settings of their own.
+    #[must_use]
+    pub fn scorers(&self) -> Vec<Instance> {
+        Instance::all().filter(|&instance| self.scorer(instance).exists()).collect()
+    }
+}
+
 impl Default for ContainerConfig {
     fn default() -> Self {
         let paper = ContainerSize::PAPER;
@@ -221,7 +267,7 @@ impl Default for ScorerConfig {
 
 impl Default for CommanderConfig {
     fn default() -> Self {
-        Self { soft_deadline_ms: 12, hard_deadline_ms: 25, close_policy: "fullest".into() }
+        Self { soft_deadline_ms: 12, hard_deadline_ms: 25, close_policy: "fullest".into(), journal_mib: 64 }
     }
 }
 
@@ -234,6 +280,19 @@ impl Config {
         let text = fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.into(), source })?;
         let parse = |error: toml::de::Error| ConfigError::Parse { path: path.into(), message: error.to_string() };
         toml::from_str::<Self>(&text).map_err(parse)?.overridden(overrides)
+    }
+
+    /// The settings of one scorer instance: its own file in the state directory, or the section `[scorer]`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] says what is wrong with the instance's file.
+    pub fn scorer_instance(&self, instance: Instance) -> Result<ScorerConfig, ConfigError> {
+        let path = self.state.scorer(instance);
+        match fs::read_to_string(&path) {
+            Ok(text) => toml::from_str(&text).map_err(|error| ConfigError::Parse { path, message: error.to_string() }),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(self.scorer.clone()),
+            Err(source) => Err(ConfigError::Read { path, source }),
+        }
     }
 
     /// This configuration with overrides of the form `section.key=value`.
@@ -307,6 +366,7 @@ impl Config {
         let rule = "it must be at most 10 ms, a quarter of the budget";
         in_range("scorer.think_us", self.scorer.think_us, 0..=10_000, rule)?;
         let PerceptionConfig { pace_ms, motion_ms, repeat_ms, upcoming, .. } = self.perception;
+        in_range("commander.journal_mib", self.commander.journal_mib, 1..=1 << 20, "it must be 1 MiB to 1 TiB")?;
         in_range("perception.upcoming", upcoming as u64, 0..=8, "at most 8 upcoming boxes can be known")?;
         in_range("perception.pace_ms", pace_ms, 0..=3_600_000, "it must be at most an hour")?;
         in_range("perception.motion_ms", motion_ms, 0..=3_600_000, "it must be at most an hour")?;
@@ -411,5 +471,33 @@ mod tests {
         refused("[log]\nlevel = \"loud\"\n", &[], "unknown variant `loud`");
         let message = Config::load(Path::new("/nonexistent.toml"), &[]).unwrap_err().to_string();
         assert!(message.starts_with("cannot read the configuration /nonexistent.toml"), "{message}");
+    }
+
+    #[test]
+    fn every_truncation_and_every_flipped_byte_is_read_or_refused() {
+        let text = include_bytes!("../../../deploy/packcell.toml");
+        let settings = text.split(|&byte| byte == b'\n').filter(|line| !line.starts_with(b"#")).collect::<Vec<_>>();
+        let settings = settings.join(&b'\n');
+        for at in 0..settings.len() {
+            for flip in [1, 0x20, 0x80] {
+                let mut flipped = settings.clone();
+                flipped[at] ^= flip;
+                for bytes in [&flipped[..], &settings[..at]] {
+                    if let Ok(config) = toml::from_slice::<Config>(bytes) {
+                        let _ = config.overridden(&[]).map_err(|error| error.to_string());
+                    }
+                }
+            }
+        }
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn no_text_makes_the_reader_panic(text in ".{0,200}", key in "[a-z_.]{0,30}=.{0,20}") {
+            if let Ok(config) = toml::from_str::<Config>(&text) {
+                let _ = config.check();
+            }
+            let _ = Config::default().overridden(&[key]).map_err(|error| error.to_string());
+        }
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use messages::topics::{HEALTH, Role};
-use messages::{Counters, Health, Text};
+use messages::{Counters, Health, NO_INSTANCE, Text};
 
 use crate::{Bus, BusError, Publisher, monotonic_ns};
 
@@ -16,11 +16,12 @@ pub struct Tally {
     /// What it did so far.
     pub counters: Counters,
     refusal: Text,
+    alarm: Text,
 }
 
 impl Default for Tally {
     fn default() -> Self {
-        Self { counters: Counters::default(), refusal: Text::new("") }
+        Self { counters: Counters::default(), refusal: Text::new(""), alarm: Text::new("") }
     }
 }
 
@@ -42,6 +43,24 @@ impl Tally {
         }
     }
 
+    /// Something keeps the process from its work. Said in the log once, and in every word about itself until it is
+    /// cleared.
+    pub fn raise(&mut self, alarm: &dyn Display) {
+        let text = Text::new(&alarm.to_string());
+        if text != self.alarm {
+            tracing::error!(%alarm, "alarm");
+            self.alarm = text;
+        }
+    }
+
+    /// The process can do its work.
+    pub fn clear_alarm(&mut self) {
+        if self.alarm != Text::default() {
+            tracing::info!(alarm = self.alarm.as_str(), "alarm is over");
+            self.alarm = Text::default();
+        }
+    }
+
     /// Counts a message on which the cell has moved on.
     pub fn pass_over(&mut self) {
         self.counters.stale += 1;
@@ -54,6 +73,7 @@ pub struct Reporter {
     publisher: Publisher<Health>,
     role: Role,
     detail: Text,
+    instance: u32,
     ready_ns: u64,
     due_ns: u64,
 }
@@ -64,9 +84,15 @@ impl Reporter {
     /// # Errors
     /// [`BusError`] if the topic cannot be joined.
     pub fn new(bus: &Bus, detail: &str) -> Result<Self, BusError> {
-        let now = monotonic_ns();
-        let publisher = bus.publisher(&HEALTH)?;
-        Ok(Self { publisher, role: bus.role(), detail: Text::new(detail), ready_ns: now, due_ns: 0 })
+        let (publisher, now) = (bus.publisher(&HEALTH)?, monotonic_ns());
+        let (role, detail) = (bus.role(), Text::new(detail));
+        Ok(Self { publisher, role, detail, instance: NO_INSTANCE, ready_ns: now, due_ns: 0 })
+    }
+
+    /// The same reporter, for the scorer instance of this number.
+    #[must_use]
+    pub fn of_instance(self, instance: u32) -> Self {
+        Self { instance, ..self }
     }
 
     /// Publishes a report if one is due.
@@ -82,7 +108,8 @@ impl Reporter {
         self.publisher.publish(0, |health| {
             (health.role, health.pid) = (self.role.to_wire(), std::process::id());
             (health.ready_ns, health.counters) = (self.ready_ns, tally.counters);
-            (health.detail, health.refusal) = (self.detail, tally.refusal);
+            (health.instance, health.reserved) = (self.instance, 0);
+            (health.detail, health.refusal, health.alarm) = (self.detail, tally.refusal, tally.alarm);
         })?;
         Ok(())
     }

@@ -10,10 +10,10 @@ mod health;
 mod process;
 
 pub use bus::{Bell, Bus, BusError, Latest, Publisher, Subscriber, shared_memory_bytes};
-pub use clock::monotonic_ns;
+pub use clock::{monotonic_ns, unix_ms};
 pub use config::{
     BusConfig, CandidatesConfig, CommanderConfig, Config, ConfigError, ContainerConfig, LogConfig, LogLevel,
-    PerceptionConfig, ScorerConfig,
+    PerceptionConfig, ScorerConfig, StateConfig,
 };
 pub use health::{Reporter, Tally};
 pub use process::{ServiceArgs, StopSignal, init_log};

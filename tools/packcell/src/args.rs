@@ -7,6 +7,40 @@ use dataset::{DataSet, Named, ReadOptions};
 use packing::Split;
 use runtime::Config;
 
+/// Which running cell is meant.
+#[derive(Debug, clap::Args)]
+pub(crate) struct RunningArgs {
+    /// The configuration of the cell; without it, the documented defaults
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Overrides one key of the configuration, for example --set bus.root_dir=/run/packcell
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    overrides: Vec<String>,
+}
+
+impl RunningArgs {
+    /// The configuration that the cell on the meant bus runs with, as far as it can be known.
+    pub(crate) fn config(&self) -> anyhow::Result<Config> {
+        let config = read_config(self.config.as_deref(), &self.overrides)?;
+        // 'packcell up' writes down there what it made of its own file and flags.
+        let of_running = config.bus.root_dir.join(CELL_FILE);
+        if self.config.is_none() && of_running.exists() {
+            return Ok(Config::load(&of_running, &self.overrides)?);
+        }
+        Ok(config)
+    }
+}
+
+/// What the processes of a cell are told, in the directory of its bus.
+pub(crate) const CELL_FILE: &str = "cell.toml";
+
+fn read_config(file: Option<&Path>, overrides: &[String]) -> anyhow::Result<Config> {
+    Ok(match file {
+        Some(path) => Config::load(path, overrides)?,
+        None => Config::default().overridden(overrides)?,
+    })
+}
+
 /// What a cell packs, and how.
 #[derive(Debug, clap::Args)]
 pub(crate) struct CellArgs {
@@ -38,10 +72,7 @@ pub(crate) struct CellArgs {
 impl CellArgs {
     /// The configuration that the file and the flags make.
     pub(crate) fn config(&self) -> anyhow::Result<Config> {
-        let mut config = match &self.config {
-            Some(path) => Config::load(path, &self.overrides)?,
-            None => Config::default().overridden(&self.overrides)?,
-        };
+        let mut config = read_config(self.config.as_deref(), &self.overrides)?;
         if let Some(data) = &self.data {
             config.perception.stream = if Path::new(data).extension().is_some() {
                 let path = std::path::absolute(data).with_context(|| format!("--data {data}"))?;
@@ -60,6 +91,16 @@ impl CellArgs {
         config.scorer.policy = self.policy.clone().unwrap_or(config.scorer.policy);
         config.check()?;
         Ok(config)
+    }
+
+    /// Whether a policy or a model was asked for.
+    pub(crate) fn names_policy(&self) -> bool {
+        self.policy.is_some() || self.model.is_some()
+    }
+
+    /// Whether it was said where the state is kept.
+    pub(crate) fn names_state(&self) -> bool {
+        self.config.is_some() || self.overrides.iter().any(|text| text.starts_with("state.dir"))
     }
 
     /// Whether a pace was asked for.

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use bytemuck::Zeroable as _;
 use messages::topics::Role;
-use messages::{Action, BeltState, BoxQueue, PlaceCommand, WireBox};
+use messages::{Action, BeltState, BoxQueue, Header, Instance, MotionOutcome, MotionReport, PlaceCommand, WireBox};
 use packing::{BoxSpec, Grid, Placement};
 use runtime::{Bus, Config, LogLevel};
 
@@ -27,9 +27,6 @@ use sockets::Peers;
 
 /// Boxes before the measuring begins.
 const WARM_UP: usize = 100;
-
-/// The services, of which there is one process each. This process is the fourth.
-const SERVICES: [Role; 3] = [Role::Candidates, Role::Scorer, Role::Commander];
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct BenchArgs {
@@ -49,6 +46,7 @@ pub(crate) fn run(args: &BenchArgs) -> anyhow::Result<()> {
     let boxes = expected_boxes(&mut config)?.episodes.concat();
     let private = PrivateBus::new()?;
     config.bus = private.config().clone();
+    config.state.dir = config.bus.root_dir.join("state");
     let load_before = figures::load()?;
     let (times, stages) = measure(&config, &boxes, args.boxes)?;
     let figures = Figures::new(&config, &times, &stages, [load_before, figures::load()?])?;
@@ -65,7 +63,7 @@ pub(crate) fn run(args: &BenchArgs) -> anyhow::Result<()> {
 fn measure(config: &Config, boxes: &[BoxSpec], wanted: usize) -> anyhow::Result<(Times, crate::latency::Latencies)> {
     let bus = Bus::join(&config.bus, Role::Perception)?;
     let mut on_bus = OnBus::new(&bus)?;
-    let cell = Cell::start_roles(config, &bus, &SERVICES)?;
+    let cell = Cell::start_without_perception(config, &[Instance::default()], &bus)?;
     let mut peers = Peers::start(&config.bus.root_dir)?;
     let mut world = World::new(Grid::new(config.container_size()?, config.container.slots)?);
     let mut times = Times::default();
@@ -99,7 +97,8 @@ fn measure(config: &Config, boxes: &[BoxSpec], wanted: usize) -> anyhow::Result<
                     times.record([first, second, third]);
                 }
             }
-            on_bus.report(&command, placed > WARM_UP)?;
+            on_bus.report(first.motion(), placed > WARM_UP)?;
+            peers.report([second.motion(), third.motion()])?;
             world.obey(&command, action)?;
         }
     }
@@ -113,6 +112,15 @@ struct Decision {
     command: PlaceCommand,
     /// From the box to the command [ns].
     total_ns: u64,
+}
+
+impl Decision {
+    /// The arm's report that it has obeyed.
+    fn motion(&self) -> MotionReport {
+        let PlaceCommand { order, spec, revision, action, .. } = self.command;
+        let outcome = MotionOutcome::Done.to_wire();
+        MotionReport { header: Header::default(), order, box_id: spec.id, revision, action, outcome }
+    }
 }
 
 /// The containers and the belt.

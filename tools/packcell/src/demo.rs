@@ -8,8 +8,8 @@ use std::time::Duration;
 use anyhow::{Context as _, bail};
 use comfy_table::{CellAlignment, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
-use messages::BeltState;
 use messages::topics::{BOXES, CYCLES, Role};
+use messages::{BeltState, Instance};
 use runtime::{Bus, Config, LogLevel, monotonic_ns};
 
 use crate::args::{CellArgs, expected_boxes};
@@ -50,6 +50,7 @@ pub(crate) fn run(args: &DemoArgs) -> anyhow::Result<()> {
 
     let private = PrivateBus::new()?;
     config.bus = private.config().clone();
+    config.state.dir = config.bus.root_dir.join("state");
     let packed = pack(&config, &mut session);
     drop(private);
     let figures = session.figures();
@@ -65,7 +66,7 @@ fn pack(config: &Config, session: &mut Session) -> anyhow::Result<()> {
     let bus = Bus::join(&config.bus, Role::Tool)?;
     let cycles = bus.subscriber(&CYCLES)?;
     let mut queues = bus.latest(&BOXES)?;
-    let mut cell = Cell::start(config, &bus)?;
+    let mut cell = Cell::start(config, &[Instance::default()], &bus)?;
     let bar = progress_bar(session.expected() as u64);
     let perception = &config.perception;
     let patience_ns = STANDSTILL_NS + (perception.pace_ms + perception.motion_ms) * 1_000_000;

@@ -5,11 +5,14 @@ mod args;
 mod bench;
 mod cell;
 mod demo;
+mod journal_list;
 mod latency;
 mod page;
 mod private_bus;
+mod restart;
 mod session;
 mod status;
+mod swap;
 mod up;
 
 use std::process::ExitCode;
@@ -28,6 +31,10 @@ enum Command {
     Bench(bench::BenchArgs),
     /// Shows what every process of a running cell is doing
     Status(status::StatusArgs),
+    /// Replaces the scorer of a running cell, without a pause
+    Swap(swap::SwapArgs),
+    /// Prints what the commander wrote down: every order and its outcome
+    Journal(journal_list::JournalArgs),
 }
 
 fn main() -> ExitCode {
@@ -36,6 +43,8 @@ fn main() -> ExitCode {
         Command::Up(args) => up::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Status(args) => status::run(&args),
+        Command::Swap(args) => swap::run(&args),
+        Command::Journal(args) => journal_list::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -25,6 +25,8 @@ pub(crate) struct Session {
     left_out: u64,
     pub(crate) latencies: Latencies,
     next_sequence: u64,
+    /// The last order that was reported.
+    last_order: u64,
     lost_reports: u64,
 }
 
@@ -82,6 +84,7 @@ impl Session {
             left_out: 0,
             latencies: Latencies::new(),
             next_sequence: 1,
+            last_order: 0,
             lost_reports: 0,
         }
     }
@@ -100,7 +103,9 @@ impl Session {
     pub(crate) fn record(&mut self, report: &CycleReport) -> Result<(), Malformed> {
         self.lost_reports += report.header.sequence.saturating_sub(self.next_sequence);
         self.next_sequence = report.header.sequence + 1;
-        if MotionOutcome::from_wire(report.outcome)? == MotionOutcome::Refused {
+        let is_said_again = report.order <= self.last_order;
+        self.last_order = self.last_order.max(report.order);
+        if is_said_again || MotionOutcome::from_wire(report.outcome)? == MotionOutcome::Refused {
             return Ok(());
         }
         let action = Action::from_wire(report.action)?;
@@ -207,6 +212,7 @@ mod tests {
     fn report(sequence: u64, id: u64, container: u32, action: Action) -> CycleReport {
         let mut report = CycleReport::zeroed();
         report.header.sequence = sequence;
+        report.order = sequence;
         report.spec = BoxSpec::new(id, [40, 40, 20]).unwrap().into();
         report.action = action.to_wire();
         report.container = container;
@@ -237,6 +243,9 @@ mod tests {
         let figures = session.figures();
         assert_eq!((figures.lost_reports, figures.doubled, figures.set_aside), (2, 1, 1));
         assert_eq!((session.done(), figures.containers_replaced), (2, 1));
-        assert!(session.record(&CycleReport { action: 9, ..report(7, 4, 0, Action::Place) }).is_err());
+        let again = CycleReport { order: 6, ..report(7, 3, 0, Action::Replace) };
+        session.record(&again).unwrap();
+        assert_eq!(session.done(), 2, "an order that is reported again is the same order");
+        assert!(session.record(&CycleReport { action: 9, ..report(8, 4, 0, Action::Place) }).is_err());
     }
 }

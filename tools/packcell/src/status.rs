@@ -1,41 +1,35 @@
 //! `packcell status`: what every process of a running cell is doing.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
 use anyhow::bail;
 use comfy_table::{Table, presets};
-use messages::Health;
-use messages::topics::{BOXES, HEALTH, Role};
-use runtime::{Bus, Config, monotonic_ns};
+use messages::topics::{ACTIVE, BOXES, HEALTH, Role};
+use messages::{Health, Instance};
+use runtime::{Bus, monotonic_ns};
+
+use crate::args::RunningArgs;
 
 /// How long to listen: every process speaks five times a second.
 const LISTEN_NS: u64 = 1_000_000_000;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct StatusArgs {
-    /// The configuration of the cell; without it, the documented defaults
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Overrides one key of the configuration, for example --set bus.root_dir=/run/packcell
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    overrides: Vec<String>,
+    #[command(flatten)]
+    cell: RunningArgs,
 }
 
 pub(crate) fn run(args: &StatusArgs) -> anyhow::Result<()> {
-    let config = match &args.config {
-        Some(path) => Config::load(path, &args.overrides)?,
-        None => Config::default().overridden(&args.overrides)?,
-    };
+    let config = args.cell.config()?;
     let root_dir = &config.bus.root_dir;
     if !root_dir.join("iceoryx2.toml").exists() {
         bail!("no cell runs on the bus {}: start one with 'packcell up'", root_dir.display());
     }
     let bus = Bus::join(&config.bus, Role::Tool)?;
     let health = bus.subscriber(&HEALTH)?;
-    let mut queues = bus.latest(&BOXES)?;
+    let (mut queues, mut active) = (bus.latest(&BOXES)?, bus.latest(&ACTIVE)?);
     let mut words: BTreeMap<u32, Health> = BTreeMap::new();
     let until_ns = monotonic_ns() + LISTEN_NS;
     while monotonic_ns() < until_ns && !bus.is_stopping() {
@@ -43,6 +37,7 @@ pub(crate) fn run(args: &StatusArgs) -> anyhow::Result<()> {
             words.insert(word.pid, *word);
         }
         queues.refresh()?;
+        active.refresh()?;
         thread::sleep(Duration::from_millis(20));
     }
     if words.is_empty() {
@@ -56,6 +51,9 @@ pub(crate) fn run(args: &StatusArgs) -> anyhow::Result<()> {
     for role in missing {
         println!("no {} speaks: it has stopped or hangs", role.name());
     }
+    if let Some(instance) = active.get().and_then(|said| Instance::from_wire(said.instance).ok()) {
+        println!("the active scorer: {instance}");
+    }
     if let Some(queue) = queues.get() {
         println!("the belt: {} boxes taken in {} episode(s), revision {}", queue.taken, queue.episodes, queue.revision);
     }
@@ -65,12 +63,23 @@ pub(crate) fn run(args: &StatusArgs) -> anyhow::Result<()> {
 fn table(words: &[Health], now_ns: u64) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_HORIZONTAL_ONLY);
-    table.set_header(["process", "pid", "up [s]", "boxes", "last box", "refused", "stale", "what", "last refusal"]);
+    table.set_header([
+        "process",
+        "pid",
+        "up [s]",
+        "boxes",
+        "last box",
+        "refused",
+        "stale",
+        "what",
+        "last refusal",
+        "alarm",
+    ]);
     for word in words {
         let up_s = now_ns.saturating_sub(word.ready_ns) / 1_000_000_000;
         let counters = word.counters;
         table.add_row([
-            word.role().map_or("unknown", Role::name).to_owned(),
+            name(word),
             word.pid.to_string(),
             up_s.to_string(),
             counters.handled.to_string(),
@@ -79,7 +88,16 @@ fn table(words: &[Health], now_ns: u64) -> Table {
             counters.stale.to_string(),
             word.detail.as_str().to_owned(),
             word.refusal.as_str().to_owned(),
+            word.alarm.as_str().to_owned(),
         ]);
     }
     table
+}
+
+fn name(word: &Health) -> String {
+    let role = word.role().map_or("unknown", Role::name);
+    match Instance::from_wire(word.instance) {
+        Ok(instance) => format!("{role} {instance}"),
+        Err(_) => role.to_owned(),
+    }
 }

@@ -11,7 +11,7 @@ use packing::{ClosePolicy, ContainerOrder, ContainerSize, Support, WalleWeights}
 
 use crate::method::{Method, Settings};
 use crate::output;
-use crate::source::Source;
+use crate::source::{Episodes, Source};
 use crate::trial::{self, Conditions, Trial};
 
 /// Longest lookahead: as many as the cell's messages carry.
@@ -31,6 +31,9 @@ pub(crate) struct EvaluateArgs {
     /// Episodes of each set (100 of a named one, all of a file).
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=dataset::EPISODES_MAX as i64))]
     episodes: Option<u32>,
+    /// Which episodes of named sets.
+    #[arg(long, value_enum, default_value_t = Episodes::Test)]
+    split: Episodes,
     /// Seed of the generated sets and of methods that draw.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -78,6 +81,9 @@ pub(crate) struct EvaluateArgs {
     /// Write the figures, charts and a packed episode as one page.
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
+    /// Write box plots of all sets and methods as one picture.
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
 }
 
 /// One data set and what every method made of it.
@@ -89,7 +95,7 @@ pub(crate) struct Evaluated {
 
 #[expect(clippy::disallowed_methods, reason = "a person waits for this and is told how long it took")]
 pub(crate) fn run(args: &EvaluateArgs) -> anyhow::Result<()> {
-    [&args.json, &args.html].into_iter().flatten().try_for_each(|path| output::check_folder(path))?;
+    [&args.json, &args.html, &args.svg].into_iter().flatten().try_for_each(|path| output::check_folder(path))?;
     let methods = methods(args)?;
     let sources = sources(args)?;
     rayon::ThreadPoolBuilder::new().num_threads(args.threads).build_global().context("no threads to work with")?;
@@ -114,6 +120,9 @@ pub(crate) fn run(args: &EvaluateArgs) -> anyhow::Result<()> {
     if let Some(path) = &args.html {
         output::write(path, &output::html(&evaluated, &methods)?)?;
     }
+    if let Some(path) = &args.svg {
+        output::write(path, &output::svg(&evaluated, &methods))?;
+    }
     Ok(())
 }
 
@@ -137,7 +146,7 @@ fn sources(args: &EvaluateArgs) -> anyhow::Result<Vec<Source>> {
     let container = csv_container(&args.container, args.cell_mm)?;
     let options = ReadOptions { container, skip_bad: args.skip_bad };
     let episodes = args.episodes.map(|episodes| episodes as usize);
-    args.data.iter().map(|data| Source::load(data.trim(), episodes, args.seed, &options)).collect()
+    args.data.iter().map(|data| Source::load(data.trim(), episodes, args.seed, args.split, &options)).collect()
 }
 
 fn csv_container(sides_mm: &[u32], cell_mm: u32) -> anyhow::Result<ContainerSize> {

@@ -1,6 +1,7 @@
 //! `packlab`: research without a cell. It makes boxes, judges methods and learns models on what the services run.
 #![expect(clippy::print_stdout, reason = "tables are its work")]
 
+mod curve;
 mod evaluate;
 mod generate;
 mod method;
@@ -22,6 +23,8 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// Learn a model and write it to a file.
     Train(train::TrainArgs),
+    /// Draw the learning curves of trainings.
+    Curve(curve::CurveArgs),
 }
 
 fn main() -> anyhow::Result<()> {
@@ -29,5 +32,6 @@ fn main() -> anyhow::Result<()> {
         Command::Generate(args) => generate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Train(args) => train::run(&args),
+        Command::Curve(args) => curve::run(&args),
     }
 }

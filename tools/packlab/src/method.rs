@@ -46,7 +46,7 @@ pub(crate) struct Settings {
 impl Method {
     /// The methods that are compared unless told otherwise.
     pub(crate) const DEFAULT: &'static str =
-        "first-fit,floor,column,walle,walle-corners,harmonic,packman-published,packman";
+        "first-fit,floor,column,walle,walle-corners,harmonic,packman-published,packman,packman-lookahead";
 
     /// The method called `name`: `method`, `method/container-order` or, for those with a network, `method:file`.
     pub(crate) fn parse(name: &str, settings: &Settings) -> anyhow::Result<Self> {

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use comfy_table::{CellAlignment, presets};
-use report::{Page, Table, box_plots, isometric};
+use report::{Page, Table, box_plot_groups, box_plots, isometric, standalone};
 use serde::Serialize;
 
 use crate::evaluate::Evaluated;
@@ -199,6 +199,17 @@ fn method_figures(trial: &Trial) -> MethodFigures<'_> {
     }
 }
 
+/// Box plots of every method on every set, as a picture of its own.
+pub(crate) fn svg(evaluated: &[Evaluated], methods: &[Method]) -> String {
+    if let [set] = evaluated {
+        return standalone(&box_plots(&goodness_name(set), &named_goodness(set)));
+    }
+    let names: Vec<_> = methods.iter().map(|method| method.name.as_str()).collect();
+    let boxes = |set: &Evaluated| set.trials.iter().map(goodness_percent).collect();
+    let groups: Vec<_> = evaluated.iter().map(|set| (set.set.name.as_str(), boxes(set))).collect();
+    standalone(&box_plot_groups(goodness_name_of_all(evaluated), &names, &groups))
+}
+
 /// The figures, charts and one packed episode as a page.
 pub(crate) fn html(evaluated: &[Evaluated], methods: &[Method]) -> anyhow::Result<String> {
     let names: Vec<_> = evaluated.iter().map(|evaluated| evaluated.set.name.as_str()).collect();
@@ -210,15 +221,17 @@ pub(crate) fn html(evaluated: &[Evaluated], methods: &[Method]) -> anyhow::Resul
         if lines(set).iter().any(|line| line.quoted) {
             page.text(AH_REMARK);
         }
-        let series: Vec<_> = set.trials.iter().map(|trial| (trial.method.clone(), goodness_percent(trial))).collect();
-        page.figure(&box_plots(&goodness_name(set), &series), &format!("{}, episode by episode", goodness_name(set)));
+        page.figure(
+            &box_plots(&goodness_name(set), &named_goodness(set)),
+            &format!("{}, episode by episode", goodness_name(set)),
+        );
     }
     if evaluated.len() > 1 {
         page.section("From set to set");
         page.gallery_wide(methods.iter().enumerate().map(|(index, method)| {
             let series: Vec<_> =
                 evaluated.iter().map(|set| (set.set.name.clone(), goodness_percent(&set.trials[index]))).collect();
-            (box_plots("fill or utilisation [%]", &series), method.name.clone())
+            (box_plots(goodness_name_of_all(evaluated), &series), method.name.clone())
         }));
     }
     if let Some(set) = evaluated.first() {
@@ -233,6 +246,20 @@ fn html_table(evaluated: &Evaluated) -> Table {
         if line.quoted { table.quoted_row(line.cells) } else { table.row(line.cells) }
     }
     table
+}
+
+/// What box plots of several sets measure.
+fn goodness_name_of_all(evaluated: &[Evaluated]) -> &'static str {
+    let known = evaluated.iter().filter(|set| set.set.optimum.is_some()).count();
+    match known {
+        0 => "utilisation of all containers [%]",
+        _ if known == evaluated.len() => "fill of the first Opt containers [%]",
+        _ => "fill of the first Opt containers, or utilisation [%]",
+    }
+}
+
+fn named_goodness(evaluated: &Evaluated) -> Vec<(String, Vec<f64>)> {
+    evaluated.trials.iter().map(|trial| (trial.method.clone(), goodness_percent(trial))).collect()
 }
 
 fn goodness_name(evaluated: &Evaluated) -> String {

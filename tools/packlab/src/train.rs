@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use packing::{ClosePolicy, Environment, Outcome, Recipe, Split, WalleWeights, corner_candidates};
@@ -16,6 +16,8 @@ use policy::{
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+
+use crate::output;
 
 /// Learns a model and writes it to a file.
 ///
@@ -33,8 +35,8 @@ pub(crate) struct TrainArgs {
     #[arg(long)]
     episodes: Option<u64>,
     /// Stop after this many minutes.
-    #[arg(long)]
-    minutes: Option<f64>,
+    #[arg(long, value_parser = minutes)]
+    minutes: Option<Duration>,
     /// The seed of all that is random.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -115,6 +117,7 @@ impl Data {
 /// # Errors
 /// Says what stopped the training; its last checkpoint is intact.
 pub(crate) fn run(args: &TrainArgs) -> anyhow::Result<()> {
+    [Some(&args.out), args.curve.as_ref()].into_iter().flatten().try_for_each(|path| output::check_folder(path))?;
     match args.recipe {
         Method::Published => published(args),
         Method::Best => best::run(args),
@@ -155,7 +158,7 @@ impl<T: Serialize + for<'a> Deserialize<'a>> Progress<T> {
     fn save(&self, args: &TrainArgs) -> anyhow::Result<()> {
         save_checkpoint(&checkpoint_path(&args.out), self)?;
         if let Some(path) = &args.curve {
-            std::fs::write(path, &self.curve).with_context(|| format!("write learning curve {}", path.display()))?;
+            output::write(path, &self.curve)?;
         }
         Ok(())
     }
@@ -173,7 +176,7 @@ fn published(args: &TrainArgs) -> anyhow::Result<()> {
     });
     let config =
         DqnConfig { encoding: encoding.number(), containers: args.data.containers(), ..DqnConfig::published() };
-    let header = "episode,epsilon,loss,containers,fill,validation_c,validation_fill\n";
+    let header = "episode,epsilon,loss,c,fill,validation_c,validation_fill\n";
     let mut progress = Progress::resume(args, "published", header, || Dqn::new(config.clone(), args.seed))?;
     if progress.learner.config() != &config {
         bail!("checkpoint {} has other settings: remove it to start again", checkpoint_path(&args.out).display());
@@ -188,13 +191,14 @@ fn published(args: &TrainArgs) -> anyhow::Result<()> {
         let trained = progress.learner.train_on(&episode)?;
         let fill = trained.outcome.fill.unwrap_or(0.0);
         let epsilon = config.epsilon(index);
-        write!(progress.curve, "{index},{epsilon:.4},{:.6e},{},{fill:.4}", trained.loss, trained.containers_used)?;
+        let ratio = f64::from(trained.containers_used) / f64::from(recipe.optimum);
+        write!(progress.curve, "{index},{epsilon:.4},{:.6e},{ratio:.4},{fill:.4}", trained.loss)?;
         if (index + 1).is_multiple_of(EPISODES_PER_CHECKPOINT) {
             let validation = validate(&dqn_model(&progress.learner, args, None)?, args.data, VALIDATION_EPISODES)?;
             write!(progress.curve, ",{:.4},{:.4}", validation.competitive_ratio, validation.fill)?;
             bar.set_message(format!("c {:.3}, fill {:.3}", validation.competitive_ratio, validation.fill));
         } else {
-            progress.curve.push(',');
+            progress.curve.push_str(",,");
         }
         progress.curve.push('\n');
         if (index + 1).is_multiple_of(EPISODES_PER_CHECKPOINT) {
@@ -276,8 +280,7 @@ struct Clock {
 
 impl Clock {
     #[expect(clippy::disallowed_methods, reason = "a limit in minutes is measured by the machine's clock")]
-    fn start(minutes: Option<f64>) -> Self {
-        let limit = minutes.and_then(|minutes| Duration::try_from_secs_f64(minutes * 60.0).ok());
+    fn start(limit: Option<Duration>) -> Self {
         Self { end: limit.and_then(|limit| Instant::now().checked_add(limit)) }
     }
 
@@ -285,6 +288,12 @@ impl Clock {
     fn is_up(&self) -> bool {
         self.end.is_some_and(|end| Instant::now() >= end)
     }
+}
+
+/// A time limit as it is typed.
+fn minutes(text: &str) -> Result<Duration, String> {
+    let minutes: f64 = text.parse().map_err(|_| format!("{text:?} is no number of minutes"))?;
+    Duration::try_from_secs_f64(minutes * 60.0).map_err(|_| format!("{text} is no number of minutes to train for"))
 }
 
 fn progress_bar(length: u64, done: u64) -> anyhow::Result<ProgressBar> {

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use bincode::config::{Configuration, Fixint, LittleEndian};
-use messages::{Belief, BoxQueue, CandidateSet, Decision, Message, PlaceCommand};
+use messages::{Belief, BoxQueue, CandidateSet, Decision, Message, MotionReport, PlaceCommand};
 
 /// Largest frame: a belief and what stands before it [bytes].
 const FRAME_BYTES_MAX: usize = size_of::<Belief>() + 64;
@@ -58,6 +58,10 @@ impl Sent for Decision {
 
 impl Sent for PlaceCommand {
     const KIND: u8 = 4;
+}
+
+impl Sent for MotionReport {
+    const KIND: u8 = 5;
 }
 
 /// What lies in a datagram.

@@ -2,7 +2,7 @@
 
 use anyhow::bail;
 use messages::topics::{BELIEF, BOXES, COMMANDS, CYCLES, MOTIONS};
-use messages::{Belief, BoxQueue, CycleReport, MotionOutcome, MotionReport, PlaceCommand};
+use messages::{Belief, BoxQueue, CycleReport, MotionReport, PlaceCommand};
 use packing::Grid;
 use runtime::{Bell, Bus, Publisher, Subscriber, monotonic_ns};
 
@@ -58,11 +58,8 @@ impl OnBus {
     }
 
     /// Says that the arm has obeyed, and takes in what the commander reports of it.
-    pub(crate) fn report(&mut self, command: &PlaceCommand, is_measured: bool) -> anyhow::Result<()> {
-        self.motions.publish(0, |motion| {
-            (motion.box_id, motion.revision) = (command.spec.id, command.revision);
-            (motion.action, motion.outcome) = (command.action, MotionOutcome::Done.to_wire());
-        })?;
+    pub(crate) fn report(&mut self, report: MotionReport, is_measured: bool) -> anyhow::Result<()> {
+        self.motions.publish(0, |motion| *motion = report)?;
         while let Some(cycle) = self.cycles.receive()? {
             if is_measured {
                 self.stages.record(&cycle.stamps);

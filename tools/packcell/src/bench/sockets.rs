@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, bail};
 use bytemuck::Zeroable as _;
-use messages::{Belief, BoxQueue, PlaceCommand};
+use messages::{Belief, BoxQueue, Header, MotionReport, PlaceCommand};
 use packing::Grid;
 use peer::{Inbox, Outbox, path_of};
 use runtime::monotonic_ns;
@@ -64,10 +64,12 @@ impl Peers {
         let [candidates, scorer, commander, _] = self.outboxes.as_mut_slice() else { bail!("no peers") };
         let begin_ns = monotonic_ns();
         self.belief.write(grid);
-        for reader in [&mut *candidates, scorer, commander] {
+        for reader in [&mut *commander, &mut *scorer, &mut *candidates] {
             reader.send(&*self.belief)?;
         }
-        candidates.send(&BoxQueue { header: messages::Header { observed_ns: begin_ns, ..queue.header }, ..*queue })?;
+        let seen = BoxQueue { header: Header { observed_ns: begin_ns, ..queue.header }, ..*queue };
+        commander.send(&seen)?;
+        candidates.send(&seen)?;
         self.receive()?;
         Ok(Decision { command: self.command, total_ns: monotonic_ns() - begin_ns })
     }
@@ -80,6 +82,13 @@ impl Peers {
         alone.send(queue)?;
         self.receive()?;
         Ok(Decision { command: self.command, total_ns: self.inbox.stages_ns()?.iter().sum() })
+    }
+
+    /// Says that the arm has obeyed: the three peers, and the one.
+    pub(crate) fn report(&mut self, motions: [MotionReport; 2]) -> anyhow::Result<()> {
+        let [.., commander, alone] = self.outboxes.as_mut_slice() else { bail!("no peers") };
+        commander.send(&motions[0])?;
+        Ok(alone.send(&motions[1])?)
     }
 
     fn receive(&mut self) -> anyhow::Result<()> {
