@@ -199,7 +199,8 @@ impl Service {
     fn start(&mut self, config: &Path) -> anyhow::Result<()> {
         let program = program_path(self.role.name())?;
         let mut command = Command::new(&program);
-        command.arg("--config").arg(config).arg("--with-parent").stdin(Stdio::null()).stdout(Stdio::null());
+        command.arg("--config").arg(config).arg("--with-parent").arg(std::process::id().to_string());
+        command.stdin(Stdio::null()).stdout(Stdio::null());
         if let Some(instance) = self.instance {
             command.arg("--instance").arg(instance.to_string());
         }

@@ -108,7 +108,8 @@ impl Drop for Peers {
 fn spawn(stage: &str, dir: &Path) -> anyhow::Result<Child> {
     let program = program_path("peer")?;
     let mut command = Command::new(&program);
-    command.arg(stage).arg("--sockets").arg(dir).arg("--config").arg(dir.join("cell.toml")).arg("--with-parent");
+    command.arg(stage).arg("--sockets").arg(dir).arg("--config").arg(dir.join("cell.toml"));
+    command.arg("--with-parent").arg(std::process::id().to_string());
     command.stdin(Stdio::null()).stdout(Stdio::null());
     command.spawn().with_context(|| format!("cannot start {}", program.display()))
 }
