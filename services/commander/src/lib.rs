@@ -5,13 +5,19 @@
 //! placement is checked against the belief before it is commanded. An empty set is answered by the rules: the close
 //! policy makes room, or the box is set aside.
 
+mod cycle_log;
+
 use messages::topics::SCORERS_MAX;
 use messages::{
     Action, Belief, CandidateSet, ChosenBy, CycleReport, Decision, GridCopy, Malformed, MotionOutcome, MotionReport,
     PlaceCommand, Stamps, WireBox, WirePlacement,
 };
 use packing::{BoxSpec, Candidate, ClosePolicy, Extent, Grid, Heuristic, PlaceError, Placement, Yaw};
-use runtime::Tally;
+use runtime::{CommanderConfig, Tally};
+
+pub use cycle_log::CycleLog;
+
+const NS_PER_MS: u64 = 1_000_000;
 
 /// When the commander stops waiting, counted from the observation.
 #[derive(Clone, Copy, Debug)]
@@ -82,6 +88,15 @@ enum Refusal {
     Infeasible(#[from] PlaceError),
 }
 
+impl Deadlines {
+    /// As configured.
+    #[must_use]
+    pub fn of(config: &CommanderConfig) -> Self {
+        let [soft_ns, hard_ns] = [config.soft_deadline_ms, config.hard_deadline_ms].map(|ms| ms * NS_PER_MS);
+        Self { soft_ns, hard_ns }
+    }
+}
+
 impl Commander {
     /// A commander with these deadlines and this close policy, which obeys the instance `active` first.
     #[must_use]
@@ -96,6 +111,11 @@ impl Commander {
             ordered: None,
             tally: Tally::default(),
         }
+    }
+
+    /// Deadlines and a close policy for everything that comes from here on.
+    pub fn set_rules(&mut self, deadlines: Deadlines, close: ClosePolicy) {
+        (self.deadlines, self.close) = (deadlines, close);
     }
 
     /// Takes over the belief. A box that waits for a decision on another revision is void.

@@ -4,12 +4,10 @@
 //! `packcell/commands` and, after the motion, `packcell/cycles`. One runs on a bus; a second one is refused.
 
 use clap::Parser;
-use commander::{Commander, Deadlines};
+use commander::{Commander, CycleLog, Deadlines};
 use messages::topics::{BELIEF, CANDIDATES, COMMANDS, CYCLES, DECISIONS, MOTIONS, Role};
-use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
+use runtime::{Bus, ReloadSignal, Reporter, ServiceArgs, monotonic_ns};
 use tracing::info;
-
-const NS_PER_MS: u64 = 1_000_000;
 
 /// How often the dead are cleaned up after, when no box waits [ns].
 const CLEANING_NS: u64 = 1_000_000_000;
@@ -23,14 +21,12 @@ struct Args {
 }
 
 fn main() -> anyhow::Result<()> {
-    let config = Args::parse().service.load()?;
-    let deadlines = Deadlines {
-        soft_ns: config.commander.soft_deadline_ms * NS_PER_MS,
-        hard_ns: config.commander.hard_deadline_ms * NS_PER_MS,
-    };
-    let mut commander = Commander::new(deadlines, config.close_policy()?, 0);
+    let args = Args::parse().service;
+    let config = args.load()?;
+    let mut commander = Commander::new(Deadlines::of(&config.commander), config.close_policy()?, 0);
 
     let bus = Bus::join(&config.bus, Role::Commander)?;
+    let mut reload = ReloadSignal::catch(args, config)?;
     let mut commands = bus.publisher(&COMMANDS)?;
     let mut cycles = bus.publisher(&CYCLES)?;
     let bell = bus.bell()?;
@@ -41,10 +37,14 @@ fn main() -> anyhow::Result<()> {
     let mut reporter = Reporter::new(&bus, "one command a box")?;
     info!("ready");
 
-    let mut cleaning_due_ns = 0;
+    let (mut cycle_log, mut cleaning_due_ns) = (CycleLog::default(), 0);
     while bell.wait(commander.wake_ns())? {
+        if let Some(config) = reload.take() {
+            commander.set_rules(Deadlines::of(&config.commander), config.close_policy()?);
+        }
         while let Some(motion) = motions.receive()? {
             if let Some(report) = commander.on_motion(&motion) {
+                cycle_log.record(&report);
                 cycles.publish(report.stamps.observed_ns, |cycle| *cycle = report)?;
             }
         }

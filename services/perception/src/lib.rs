@@ -10,9 +10,11 @@ use messages::{
     Action, BeltState, BoxQueue, Malformed, MotionOutcome, MotionReport, PlaceCommand, UPCOMING_MAX, WireBox,
 };
 use packing::{BoxSpec, Extent, Grid, Placement};
-use runtime::Tally;
+use runtime::{PerceptionConfig, Tally};
 
 pub use belt::{Belt, StreamError};
+
+const NS_PER_MS: u64 = 1_000_000;
 
 /// How the stub behaves.
 #[derive(Clone, Copy, Debug)]
@@ -85,6 +87,16 @@ enum Refusal {
     Impossible(#[from] packing::PlaceError),
 }
 
+impl Behaviour {
+    /// As configured.
+    #[must_use]
+    pub fn of(config: &PerceptionConfig) -> Self {
+        let [pace_ns, motion_ns, repeat_ns] =
+            [config.pace_ms, config.motion_ms, config.repeat_ms].map(|ms| ms * NS_PER_MS);
+        Self { pace_ns, motion_ns, repeat_ns, upcoming: config.upcoming }
+    }
+}
+
 impl Perception {
     /// Empty containers and a belt whose first box is due at `now_ns`.
     #[must_use]
@@ -92,6 +104,12 @@ impl Perception {
         let next_container = grid.slots().len() as u32;
         let (phase, tally) = (Phase::Waiting, Tally::default());
         Self { behaviour, grid, next_container, belt, phase, due_ns: now_ns, taken: 0, tally }
+    }
+
+    /// Behaves like this from `now_ns` on; the next box comes at the new pace if that is sooner.
+    pub fn set_behaviour(&mut self, behaviour: Behaviour, now_ns: u64) {
+        self.behaviour = behaviour;
+        self.due_ns = self.due_ns.min(now_ns + behaviour.pace_ns);
     }
 
     /// The containers as they stand.

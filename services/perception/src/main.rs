@@ -7,10 +7,8 @@ use clap::Parser;
 use messages::topics::{BELIEF, BOXES, COMMANDS, MOTIONS, Role};
 use packing::Grid;
 use perception::{Behaviour, Belt, Perception, Say};
-use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
+use runtime::{Bus, ReloadSignal, Reporter, ServiceArgs, monotonic_ns};
 use tracing::info;
-
-const NS_PER_MS: u64 = 1_000_000;
 
 /// Stands in for the belt, the containers, the sensor and the arm.
 #[derive(Parser)]
@@ -21,14 +19,9 @@ struct Args {
 }
 
 fn main() -> anyhow::Result<()> {
-    let config = Args::parse().service.load()?;
+    let args = Args::parse().service;
+    let config = args.load()?;
     let (size, settings) = (config.container_size()?, &config.perception);
-    let behaviour = Behaviour {
-        pace_ns: settings.pace_ms * NS_PER_MS,
-        motion_ns: settings.motion_ms * NS_PER_MS,
-        repeat_ns: settings.repeat_ms * NS_PER_MS,
-        upcoming: settings.upcoming,
-    };
     let belt = Belt::open(&settings.stream, settings.seed, settings.episodes, size)?;
     let grid = Grid::new(size, config.container.slots)?;
 
@@ -39,11 +32,15 @@ fn main() -> anyhow::Result<()> {
     let bell = bus.bell()?;
     let commands = bus.subscriber(&COMMANDS)?;
     let mut reporter = Reporter::new(&bus, &format!("stub: {}", settings.stream))?;
-    let mut perception = Perception::new(behaviour, grid, belt, monotonic_ns());
-    info!(stream = settings.stream, "ready");
+    let mut perception = Perception::new(Behaviour::of(settings), grid, belt, monotonic_ns());
+    info!("ready: {}", settings.stream);
 
+    let mut reload = ReloadSignal::catch(args, config)?;
     let mut say = vec![Say::Belief];
     while bell.wait(if say.is_empty() { perception.wake_ns() } else { Some(0) })? {
+        if let Some(config) = reload.take() {
+            perception.set_behaviour(Behaviour::of(&config.perception), monotonic_ns());
+        }
         while let Some(command) = commands.receive()? {
             perception.on_command(&command, monotonic_ns(), &mut say);
         }

@@ -36,7 +36,7 @@ fn main() -> anyhow::Result<()> {
     let mut sets = bus.latest(&CANDIDATES)?;
     let mut decisions = bus.publisher(&DECISIONS)?;
     let mut reporter = Reporter::new(&bus, &format!("{}: {detail}", args.instance))?;
-    info!(instance = args.instance, policy = detail, "ready");
+    info!(instance = args.instance, "ready: {detail}");
 
     while bell.wait(None)? {
         let received_ns = monotonic_ns();

@@ -5,6 +5,7 @@ use std::fmt::Display;
 use messages::topics::{HEALTH, Role};
 use messages::{Counters, Health, Text};
 
+use crate::supervision::Supervision;
 use crate::{Bus, BusError, Publisher, monotonic_ns};
 
 /// How often a process says how it is [ns].
@@ -37,9 +38,14 @@ impl Tally {
         self.counters.refused += 1;
         let refusal = Text::new(&reason.to_string());
         if refusal != self.refusal {
-            tracing::warn!(%reason, refused = self.counters.refused, "refused a message");
+            tracing::warn!("refused a message: {reason} ({} refused so far)", self.counters.refused);
             self.refusal = refusal;
         }
+    }
+
+    /// Why a message was refused last; empty if none was.
+    pub(crate) fn refusal(&self) -> &str {
+        self.refusal.as_str()
     }
 
     /// Counts a message on which the cell has moved on.
@@ -48,7 +54,7 @@ impl Tally {
     }
 }
 
-/// Publishes a process's [`Health`] a few times a second.
+/// Publishes a process's [`Health`] a few times a second, and tells systemd that its loop works.
 #[derive(Debug)]
 pub struct Reporter {
     publisher: Publisher<Health>,
@@ -56,6 +62,7 @@ pub struct Reporter {
     detail: Text,
     ready_ns: u64,
     due_ns: u64,
+    supervision: Supervision,
 }
 
 impl Reporter {
@@ -66,10 +73,12 @@ impl Reporter {
     pub fn new(bus: &Bus, detail: &str) -> Result<Self, BusError> {
         let now = monotonic_ns();
         let publisher = bus.publisher(&HEALTH)?;
-        Ok(Self { publisher, role: bus.role(), detail: Text::new(detail), ready_ns: now, due_ns: 0 })
+        let (role, detail, supervision) = (bus.role(), Text::new(detail), Supervision::default());
+        Ok(Self { publisher, role, detail, ready_ns: now, due_ns: 0, supervision })
     }
 
-    /// Publishes a report if one is due.
+    /// Publishes a report if one is due. To be called in every pass of the process's loop, and nowhere else: it is
+    /// what tells a process that works from one that hangs.
     ///
     /// # Errors
     /// [`BusError`] if the bus failed.
@@ -84,6 +93,7 @@ impl Reporter {
             (health.ready_ns, health.counters) = (self.ready_ns, tally.counters);
             (health.detail, health.refusal) = (self.detail, tally.refusal);
         })?;
+        self.supervision.is_working(self.detail.as_str(), tally, now);
         Ok(())
     }
 }

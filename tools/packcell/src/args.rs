@@ -5,12 +5,16 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use dataset::{DataSet, Named, ReadOptions};
 use packing::Split;
-use runtime::Config;
+use runtime::{BusConfig, Config};
+use rustix::process::geteuid;
+
+/// The configuration of the installed cell.
+pub(crate) const INSTALLED: &str = "/etc/packcell/packcell.toml";
 
 /// What a cell packs, and how.
 #[derive(Debug, clap::Args)]
 pub(crate) struct CellArgs {
-    /// Configuration file; without it, the documented defaults
+    /// Configuration file; without it, the documented defaults on a bus of your own
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     #[arg(long, value_name = "FILE|NAME", help = data_help())]
@@ -40,7 +44,7 @@ impl CellArgs {
     pub(crate) fn config(&self) -> anyhow::Result<Config> {
         let mut config = match &self.config {
             Some(path) => Config::load(path, &self.overrides)?,
-            None => Config::default().overridden(&self.overrides)?,
+            None => own_cell().overridden(&self.overrides)?,
         };
         if let Some(data) = &self.data {
             config.perception.stream = if Path::new(data).extension().is_some() {
@@ -67,6 +71,36 @@ impl CellArgs {
         let overrides_pace = self.overrides.iter().any(|text| text.starts_with("perception.pace_ms"));
         self.pace.is_some() || self.config.is_some() || overrides_pace
     }
+}
+
+/// Which of the cells on this machine is meant.
+#[derive(Debug, clap::Args)]
+pub(crate) struct WhichCell {
+    /// The configuration of the cell; without it, the cell that you keep running with 'packcell up', or else the
+    /// installed one
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Overrides one key of the configuration, for example --set bus.root_dir=/dev/shm/two.bus
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    overrides: Vec<String>,
+}
+
+impl WhichCell {
+    /// Its configuration.
+    pub(crate) fn config(&self) -> anyhow::Result<Config> {
+        let own = own_cell();
+        let is_installed = Path::new(INSTALLED).exists() && !own.bus.root_dir.exists();
+        Ok(match &self.config {
+            Some(path) => Config::load(path, &self.overrides)?,
+            None if is_installed => Config::load(Path::new(INSTALLED), &self.overrides)?,
+            None => own.overridden(&self.overrides)?,
+        })
+    }
+}
+
+/// The cell that a person runs without an installation: the documented defaults, on a bus of this user.
+fn own_cell() -> Config {
+    Config { bus: BusConfig::of_user(geteuid().as_raw()), ..Config::default() }
 }
 
 fn data_help() -> String {

@@ -3,8 +3,12 @@
 
 mod args;
 mod cell;
+mod check;
+mod clean;
 mod demo;
 mod latency;
+mod manual;
+mod owner;
 mod page;
 mod private_bus;
 mod session;
@@ -13,7 +17,7 @@ mod up;
 
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory as _, Parser};
 
 /// Operates a packing cell: four processes that answer every box with a placement.
 #[derive(Parser)]
@@ -25,6 +29,13 @@ enum Command {
     Up(up::UpArgs),
     /// Shows what every process of a running cell is doing
     Status(status::StatusArgs),
+    /// Says whether a configuration file is valid
+    Check(check::CheckArgs),
+    /// Removes what stopped processes left on a bus; one that is in use is left alone
+    Clean(clean::CleanArgs),
+    /// Writes the manual pages and shell completions, for packages
+    #[command(hide = true)]
+    Manual(manual::ManualArgs),
 }
 
 fn main() -> ExitCode {
@@ -32,6 +43,9 @@ fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Up(args) => up::run(&args),
         Command::Status(args) => status::run(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Clean(args) => clean::run(&args),
+        Command::Manual(args) => manual::run(&args, &mut Command::command()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,7 +1,6 @@
 //! `packcell status`: what every process of a running cell is doing.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
@@ -9,29 +8,30 @@ use anyhow::bail;
 use comfy_table::{Table, presets};
 use messages::Health;
 use messages::topics::{BOXES, HEALTH, Role};
-use runtime::{Bus, Config, monotonic_ns};
+use runtime::{Bus, monotonic_ns, processes_on};
+
+use crate::args::WhichCell;
+use crate::owner::act_as_owner;
 
 /// How long to listen: every process speaks five times a second.
 const LISTEN_NS: u64 = 1_000_000_000;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct StatusArgs {
-    /// The configuration of the cell; without it, the documented defaults
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Overrides one key of the configuration, for example --set bus.root_dir=/run/packcell
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    overrides: Vec<String>,
+    #[command(flatten)]
+    which: WhichCell,
 }
 
 pub(crate) fn run(args: &StatusArgs) -> anyhow::Result<()> {
-    let config = match &args.config {
-        Some(path) => Config::load(path, &args.overrides)?,
-        None => Config::default().overridden(&args.overrides)?,
-    };
+    let config = args.which.config()?;
+    act_as_owner(&config.bus)?;
     let root_dir = &config.bus.root_dir;
-    if !root_dir.join("iceoryx2.toml").exists() {
-        bail!("no cell runs on the bus {}: start one with 'packcell up'", root_dir.display());
+    if processes_on(&config.bus)? == 0 {
+        bail!(
+            "no cell runs on the bus {}: start one with 'packcell up', or an installed one with \
+             'systemctl start packcell.target'",
+            root_dir.display()
+        );
     }
     let bus = Bus::join(&config.bus, Role::Tool)?;
     let health = bus.subscriber(&HEALTH)?;
