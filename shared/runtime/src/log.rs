@@ -1,4 +1,4 @@
-//! The log of a process: fields for systemd's journal, lines on stderr elsewhere.
+//! The log of a process: lines on stderr, and for a service under systemd, fields in the journal.
 
 use std::io::{self, IsTerminal as _};
 
@@ -11,21 +11,26 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 use crate::LogLevel;
 
-/// Starts the log. A second call changes nothing.
-///
-/// A process whose stderr goes to the journal writes there itself, with fields by which lines can be selected:
-/// `PACKCELL_BOX`, `PACKCELL_INSTANCE`, and its program as `PACKCELL_STAGE`. Any other writes lines to stderr. Either
-/// way the message alone says what a person needs: the journal shows no fields unless it is asked.
+/// Starts the log of a tool: lines on stderr. A second call changes nothing.
 pub fn init_log(level: LogLevel) {
+    let lines = tracing_subscriber::fmt().with_writer(io::stderr).with_target(false);
+    let lines = lines.with_ansi(io::stderr().is_terminal()).with_max_level(level.filter());
+    let _the_first_caller_decides = lines.try_init();
+}
+
+/// Starts the log of a service.
+///
+/// If its stderr goes to the journal, it writes there itself, with fields by which lines can be selected:
+/// `PACKCELL_BOX`, `PACKCELL_INSTANCE`, and its program as `PACKCELL_STAGE`. Otherwise it writes lines to stderr. Either
+/// way the message alone says what a person needs: the journal shows no fields unless it is asked.
+pub(crate) fn init_service_log(level: LogLevel) {
     let journal = if stderr_is_the_journal() { tracing_journald::layer().ok() } else { None };
-    let _the_first_caller_decides = match journal {
-        Some(layer) => tracing_subscriber::registry().with(level.filter()).with(with_fields(layer)).try_init(),
-        None => {
-            let lines = tracing_subscriber::fmt().with_writer(io::stderr).with_target(false);
-            let lines = lines.with_ansi(io::stderr().is_terminal());
-            lines.with_max_level(level.filter()).finish().try_init()
-        }
-    };
+    if let Some(layer) = journal {
+        let subscriber = tracing_subscriber::registry().with(level.filter()).with(with_fields(layer));
+        let _the_first_caller_decides = subscriber.try_init();
+    } else {
+        init_log(level);
+    }
 }
 
 fn with_fields<S>(layer: tracing_journald::Layer) -> impl Layer<S>

@@ -8,7 +8,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use crate::{Config, ConfigError, init_log, scheduling};
+use crate::log::init_service_log;
+use crate::{Config, ConfigError, scheduling};
 
 /// The arguments that every service takes.
 #[derive(Clone, Debug, clap::Args)]
@@ -40,7 +41,7 @@ impl ServiceArgs {
             }
         }
         let config = Config::load(&self.config, &self.overrides)?;
-        init_log(config.log.level);
+        init_service_log(config.log.level);
         scheduling::settle();
         Ok(config)
     }
