@@ -5,7 +5,9 @@
 
 mod coming_back;
 mod harness;
+mod machine;
 mod pipeline;
 mod refusals;
 mod stopping;
+mod systemd;
 mod tidy;
