@@ -173,6 +173,16 @@ fn the_active_instance_is_obeyed_at_once() {
 }
 
 #[test]
+fn new_rules_hold_for_the_box_that_waits() {
+    let mut bench = Bench::new(ClosePolicy::Never);
+    bench.observe(1, [20, 30, 20]);
+    bench.commander.set_rules(Deadlines { soft_ns: 5 * MS, hard_ns: 6 * MS }, ClosePolicy::Fullest);
+    assert_eq!(bench.commander.wake_ns(), Some(OBSERVED + 6 * MS));
+    let order = bench.wait(OBSERVED + 6 * MS);
+    assert_eq!(chosen(order).0, ChosenBy::Fallback);
+}
+
+#[test]
 fn a_standby_is_obeyed_after_the_soft_deadline() {
     let mut bench = Bench::new(ClosePolicy::Never);
     bench.observe(1, [20, 30, 20]);

@@ -15,13 +15,15 @@ use messages::{
     WirePlacement,
 };
 use packing::{BoxSpec, Extent, Grid, Placement};
-use runtime::Tally;
+use runtime::{PerceptionConfig, Tally};
 use serde::{Deserialize, Serialize};
 
 use world::Moving;
 
 pub use belt::{Belt, Position, StreamError};
 pub use world::{World, WorldError};
+
+const NS_PER_MS: u64 = 1_000_000;
 
 /// How the stub behaves.
 #[derive(Clone, Copy, Debug)]
@@ -108,6 +110,16 @@ enum Refusal {
     Impossible(#[from] packing::PlaceError),
 }
 
+impl Behaviour {
+    /// As configured.
+    #[must_use]
+    pub fn of(config: &PerceptionConfig) -> Self {
+        let [pace_ns, motion_ns, repeat_ns] =
+            [config.pace_ms, config.motion_ms, config.repeat_ms].map(|ms| ms * NS_PER_MS);
+        Self { pace_ns, motion_ns, repeat_ns, upcoming: config.upcoming }
+    }
+}
+
 impl Perception {
     /// Empty containers and a belt whose first box is due at `now_ns`.
     #[must_use]
@@ -173,6 +185,12 @@ impl Perception {
             }
             Err(error) => self.tally.raise(error),
         }
+    }
+
+    /// Behaves like this from `now_ns` on; the next box comes at the new pace if that is sooner.
+    pub fn set_behaviour(&mut self, behaviour: Behaviour, now_ns: u64) {
+        self.behaviour = behaviour;
+        self.due_ns = self.due_ns.min(now_ns + behaviour.pace_ns);
     }
 
     /// The containers as they stand.

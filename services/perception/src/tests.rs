@@ -249,3 +249,18 @@ fn worlds_that_do_not_fit_are_refused() {
         assert!(World::decode(&flipped).is_err(), "flipped at {at}");
     }
 }
+
+#[test]
+fn a_new_pace_counts_from_the_next_box_on() {
+    let hourly = Behaviour { pace_ns: 3_600_000 * MS, ..behaviour() };
+    let mut perception = perception("[[1, 2, 3], [2, 2, 2], [3, 3, 3]]", hourly);
+    assert_eq!(on_time(&mut perception, 0), [Say::Boxes(0)]);
+    command(&mut perception, Action::Place, at(0, 0), MS);
+    assert_eq!(perception.wake_ns(), Some(3_600_000 * MS));
+    perception.set_behaviour(Behaviour { pace_ns: 50 * MS, ..behaviour() }, 2 * MS);
+    assert_eq!(perception.wake_ns(), Some(52 * MS));
+    assert_eq!(on_time(&mut perception, 52 * MS), [Say::Boxes(52 * MS)]);
+    perception.set_behaviour(hourly, 53 * MS);
+    command(&mut perception, Action::Place, at(1, 0), 54 * MS);
+    assert_eq!(perception.wake_ns(), Some(102 * MS), "a slower one from the box after that on");
+}

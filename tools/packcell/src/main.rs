@@ -3,9 +3,13 @@
 
 mod args;
 mod cell;
+mod check;
+mod clean;
 mod demo;
 mod journal_list;
 mod latency;
+mod manual;
+mod owner;
 mod page;
 mod private_bus;
 mod restart;
@@ -16,7 +20,7 @@ mod up;
 
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory as _, Parser};
 
 /// Operates a packing cell: four processes that answer every box with a placement.
 #[derive(Parser)]
@@ -32,6 +36,13 @@ enum Command {
     Swap(swap::SwapArgs),
     /// Prints what the commander wrote down: every order and its outcome
     Journal(journal_list::JournalArgs),
+    /// Says whether a configuration file is valid
+    Check(check::CheckArgs),
+    /// Removes what stopped processes left on a bus; one that is in use is left alone
+    Clean(clean::CleanArgs),
+    /// Writes the manual pages and shell completions, for packages
+    #[command(hide = true)]
+    Manual(manual::ManualArgs),
 }
 
 fn main() -> ExitCode {
@@ -41,6 +52,9 @@ fn main() -> ExitCode {
         Command::Status(args) => status::run(&args),
         Command::Swap(args) => swap::run(&args),
         Command::Journal(args) => journal_list::run(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Clean(args) => clean::run(&args),
+        Command::Manual(args) => manual::run(&args, &mut Command::command()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
