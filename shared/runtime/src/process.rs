@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 
 use crate::{Config, ConfigError, LogLevel};
 
@@ -47,7 +47,9 @@ impl ServiceArgs {
 /// Starts the log: lines on stderr, which systemd's journal takes up. A second call changes nothing.
 pub fn init_log(level: LogLevel) {
     let format = tracing_subscriber::fmt().with_writer(io::stderr).with_target(false);
-    let _the_first_caller_decides = format.with_max_level(level.filter()).try_init();
+    // A line that a full disk does not take is lost; it is nothing to die of.
+    let format = format.with_max_level(level.filter()).log_internal_errors(false);
+    let _the_first_caller_decides = format.try_init();
 }
 
 /// Whether SIGTERM or SIGINT asked the process to end.
@@ -64,6 +66,8 @@ impl StopSignal {
         for signal in [SIGTERM, SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&flag))?;
         }
+        // A file that reached the largest size allowed is an error that can be said, not a death.
+        signal_hook::flag::register(SIGXFSZ, Arc::default())?;
         Ok(Self(flag))
     }
 

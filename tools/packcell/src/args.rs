@@ -21,14 +21,18 @@ pub(crate) struct RunningArgs {
 impl RunningArgs {
     /// The configuration that the cell on the meant bus runs with, as far as it can be known.
     pub(crate) fn config(&self) -> anyhow::Result<Config> {
-        let config = read_config(self.config.as_deref(), &self.overrides)?;
-        // 'packcell up' writes down there what it made of its own file and flags.
-        let of_running = config.bus.root_dir.join(CELL_FILE);
-        if self.config.is_none() && of_running.exists() {
-            return Ok(Config::load(&of_running, &self.overrides)?);
-        }
-        Ok(config)
+        running_config(self.config.as_deref(), &self.overrides)
     }
+}
+
+fn running_config(file: Option<&Path>, overrides: &[String]) -> anyhow::Result<Config> {
+    let config = read_config(file, overrides)?;
+    // 'packcell up' writes down there what it made of its own file and flags.
+    let of_running = config.bus.root_dir.join(CELL_FILE);
+    if file.is_none() && of_running.exists() {
+        return Ok(Config::load(&of_running, overrides)?);
+    }
+    Ok(config)
 }
 
 /// What the processes of a cell are told, in the directory of its bus.
@@ -91,6 +95,11 @@ impl CellArgs {
         config.scorer.policy = self.policy.clone().unwrap_or(config.scorer.policy);
         config.check()?;
         Ok(config)
+    }
+
+    /// The configuration that the running cell on the meant bus has, as far as it can be known.
+    pub(crate) fn running_config(&self) -> anyhow::Result<Config> {
+        running_config(self.config.as_deref(), &self.overrides)
     }
 
     /// Whether a policy or a model was asked for.

@@ -85,7 +85,7 @@ fn keep_running(config: &Config) -> anyhow::Result<()> {
 }
 
 /// What concerns whoever supervises the processes; the rest is for the commander.
-fn obey(control: &Control, cell: &mut Cell) -> anyhow::Result<()> {
+pub(crate) fn obey(control: &Control, cell: &mut Cell) -> anyhow::Result<()> {
     let wish = Wish::from_wire(control.wish).and_then(|wish| Ok((wish, Instance::from_wire(control.instance)?)));
     match wish {
         Ok((Wish::Start, instance)) => cell.start_scorer(instance),
@@ -115,7 +115,7 @@ fn scorers(config: &Config) -> anyhow::Result<Vec<Instance>> {
 }
 
 /// Where the state of a cell is kept that a person starts by hand.
-fn own_state_dir() -> anyhow::Result<PathBuf> {
+pub(crate) fn own_state_dir() -> anyhow::Result<PathBuf> {
     let home = std::env::home_dir().filter(|home| home.is_absolute());
     let home = home.context("there is no home directory to keep the cell's state in: use --set state.dir=DIR")?;
     Ok(home.join(".local/state/packcell"))
