@@ -9,5 +9,6 @@ mod harness;
 mod hostile;
 mod pipeline;
 mod refusals;
+mod soak;
 mod stopping;
 mod tidy;

@@ -8,7 +8,7 @@ use crate::escape;
 const WIDTH_PX: f64 = 1060.0;
 const HEIGHT_PX: f64 = 320.0;
 const LEFT_PX: f64 = 70.0;
-const RIGHT_PX: f64 = 1040.0;
+const RIGHT_PX: f64 = 1020.0;
 const TOP_PX: f64 = 40.0;
 const BOTTOM_PX: f64 = 262.0;
 
@@ -127,10 +127,10 @@ pub fn percentile_curves(curves: &[Named], y: &str, limit: &Limit) -> String {
             Named { name: curve.name.clone(), points: points.collect() }
         })
         .collect();
-    let last = placed.iter().flat_map(|curve| finite(curve)).map(|(x, _)| x).fold(1.0, f64::max).ceil();
+    let last = placed.iter().flat_map(finite).map(|(x, _)| x).fold(1.0, f64::max).ceil();
     let mut svg = open_svg(WIDTH_PX, HEIGHT_PX, y);
     push_legend(&mut svg, curves.iter().map(|curve| curve.name.as_str()), LEFT_PX, 22.0);
-    let values = placed.iter().flat_map(|curve| finite(curve)).map(|(_, y)| y).chain([limit.value]);
+    let values = placed.iter().flat_map(finite).map(|(_, y)| y).chain([limit.value]);
     let up = Upward::over(Scale::Log, values);
     up.push(&mut svg, y);
     let across = |x: f64| LEFT_PX + x / last * (RIGHT_PX - LEFT_PX);
@@ -277,8 +277,8 @@ mod tests {
     fn every_nine_is_as_wide_as_the_others() {
         let curve = named("cell", &[(0.0, 0.5), (0.9, 1.0), (0.99, 10.0), (0.999, 100.0)]);
         let svg = percentile_curves(&[curve], "latency [ms]", &limit());
-        // Three nines over 970 px, and a latency from 0.1 to 100 ms in three steps of 74 px.
-        assert!(svg.contains("M70.0 210.3L393.3 188.0L716.7 114.0L1040.0 40.0"), "{svg}");
+        // Three nines over 950 px, and a latency from 0.1 to 100 ms in three steps of 74 px.
+        assert!(svg.contains("M70.0 210.3L386.7 188.0L703.3 114.0L1020.0 40.0"), "{svg}");
         assert!(svg.contains("99.9 %") && svg.contains("40 ms &lt;budget&gt;"));
         assert!(percentile_curves(&[], "y", &limit()).ends_with("</svg>\n"));
     }
@@ -308,8 +308,8 @@ mod tests {
         let parts = [named("a", &[(0.0, 10.0), (10.0, 10.0)]), named("b", &[(0.0, 10.0), (10.0, 30.0)])];
         let svg = stack("time [s]", "time [us]", &parts);
         // The axis goes to 40: 10 is a quarter of 222 px above the bottom.
-        assert!(svg.contains("M70.0 206.5L1040.0 206.5L1040.0 262.0L70.0 262.0Z"), "{svg}");
-        assert!(svg.contains("M70.0 151.0L1040.0 40.0L1040.0 206.5L70.0 206.5Z"), "{svg}");
+        assert!(svg.contains("M70.0 206.5L1020.0 206.5L1020.0 262.0L70.0 262.0Z"), "{svg}");
+        assert!(svg.contains("M70.0 151.0L1020.0 40.0L1020.0 206.5L70.0 206.5Z"), "{svg}");
         assert!(stack("", "", &[]).ends_with("</svg>\n"));
     }
 }

@@ -34,7 +34,6 @@ use crate::up::obey;
 use faults::Schedule;
 use figures::Figures;
 use inflict::Hand;
-use place::Place;
 use progress::Progress;
 use watch::Watch;
 
@@ -106,13 +105,13 @@ pub(crate) fn run(args: &SoakArgs) -> anyhow::Result<()> {
     }
     let mut config = own_config(args)?;
     let schedule = Schedule::named(args.faults.as_deref().unwrap_or("default"), config.perception.seed)?;
-    let place = Place::make(&mut config, args.cell.names_state())?;
+    let bus = place::make(&mut config, args.cell.names_state())?;
     let scorers: Vec<Instance> = Instance::all().take(args.scorers).collect();
     if scorers.len() != args.scorers || scorers.is_empty() {
         bail!("--scorers must be from 1 to {}", Instance::all().count());
     }
     let done = soak(args, &config, schedule, Some(&scorers));
-    drop(place);
+    drop(bus);
     done
 }
 

@@ -115,7 +115,7 @@ fn scorers(config: &Config) -> anyhow::Result<Vec<Instance>> {
 }
 
 /// Where the state of a cell is kept that a person starts by hand.
-pub(crate) fn own_state_dir() -> anyhow::Result<PathBuf> {
+fn own_state_dir() -> anyhow::Result<PathBuf> {
     let home = std::env::home_dir().filter(|home| home.is_absolute());
     let home = home.context("there is no home directory to keep the cell's state in: use --set state.dir=DIR")?;
     Ok(home.join(".local/state/packcell"))

@@ -65,7 +65,7 @@ impl<'a> Hand<'a> {
             Target::Process(role) => {
                 find(processes, role, active).map_or_else(|| role.name().to_owned(), |(name, _)| name)
             }
-            target => target.name().to_owned(),
+            target @ (Target::Decisions | Target::Candidates | Target::Machine) => target.name().to_owned(),
         }
     }
 
@@ -157,9 +157,8 @@ impl<'a> Hand<'a> {
 
     /// When there is something to do next [ns]; nothing if no moment is better than another.
     pub(crate) fn wake_ns(&self) -> Option<u64> {
-        let next = |one: &UnderWay| match one.doing {
-            Doing::Slowed { turn_ns, .. } => turn_ns.min(one.until_ns),
-            _ => one.until_ns,
+        let next = |one: &UnderWay| {
+            if let Doing::Slowed { turn_ns, .. } = one.doing { turn_ns.min(one.until_ns) } else { one.until_ns }
         };
         self.under_way.iter().filter(|one| !matches!(one.doing, Doing::Swapping { .. })).map(next).min()
     }
@@ -185,7 +184,7 @@ impl UnderWay {
             Doing::Frozen { pid } if is_over => return Some(signal(*pid, Signal::CONT)),
             Doing::Slowed { pid, .. } if is_over => return Some(signal(*pid, Signal::CONT)),
             Doing::Limited { pid, before } if is_over => {
-                let undone = prlimit(Some(*pid), Resource::Fsize, before.clone());
+                let undone = prlimit(Some(*pid), Resource::Fsize, *before);
                 return Some(undone.map_or_else(|error| format!("it died meanwhile: {error}"), |_| String::new()));
             }
             Doing::Answering { .. } | Doing::Babbling { .. } | Doing::Hogging if is_over => return Some(String::new()),

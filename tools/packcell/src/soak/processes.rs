@@ -18,6 +18,9 @@ const PROCESSES_MAX: usize = 16;
 /// How long a process may warm up before its growth is watched [ns].
 const WARM_UP_NS: u64 = 20_000_000_000;
 
+/// Fewest samples after the warm-up by which growth is judged.
+pub(crate) const SLOPE_POINTS_MIN: usize = 30;
+
 /// Microseconds of a clock tick of /proc/PID/stat: a hundred a second on every Linux.
 const US_PER_TICK: u64 = 10_000;
 
@@ -180,7 +183,8 @@ impl Watched {
     }
 
     fn sample(&mut self, now_ns: u64) {
-        let Some(sample) = read_sample(self.pid, now_ns) else { return };
+        // One that is being started or is ending has no memory, and says nothing about a process at work.
+        let Some(sample) = read_sample(self.pid, now_ns).filter(|sample| sample.rss_kib > 0) else { return };
         self.cpu_us += sample.cpu_us - self.last.map_or(0, |last| last.cpu_us.min(sample.cpu_us));
         self.first.get_or_insert(sample);
         self.last = Some(sample);
@@ -202,7 +206,7 @@ impl Watched {
             refused: self.refused + self.refused_before,
             rss_start: start.rss_kib * 1024,
             rss_end: last.rss_kib * 1024,
-            rss_slope: slope(&points),
+            rss_slope: slope(&points).filter(|_| points.len() >= SLOPE_POINTS_MIN),
             fds_start: start.fds,
             fds_end: last.fds,
             shm_bytes: last.shm_kib * 1024,

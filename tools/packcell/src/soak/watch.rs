@@ -17,7 +17,7 @@ use super::inflict::Hand;
 use super::latency::{Answer, Late, Latencies, action_name};
 use super::ledger::Ledger;
 use super::machine::{CpuTime, Machine};
-use super::processes::{Processes, shared_memory};
+use super::processes::{Processes, SLOPE_POINTS_MIN, shared_memory};
 use super::series::{Series, slope};
 use crate::latency::STAGES;
 
@@ -267,7 +267,7 @@ impl Watch {
         let seconds = self.seconds(now);
         let boxes = self.boxes();
         let warm: Vec<_> = self.bus_line.points().iter().filter(|(at_s, _)| *at_s > WARM_UP_S).copied().collect();
-        let bytes_slope = slope(&warm).map(|a_second| a_second * 3600.0);
+        let bytes_slope = slope(&warm).filter(|_| warm.len() >= SLOPE_POINTS_MIN).map(|a_second| a_second * 3600.0);
         let mut latency_us: BTreeMap<_, _> =
             STAGES.iter().zip(&self.latencies.stages).map(|((name, _), stage)| (*name, stage.percentiles())).collect();
         latency_us.insert("end_to_end", self.latencies.end_to_end.percentiles());
