@@ -10,6 +10,7 @@ mod hostile;
 mod machine;
 mod pipeline;
 mod refusals;
+mod soak;
 mod stopping;
 mod systemd;
 mod tidy;

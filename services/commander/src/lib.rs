@@ -103,6 +103,8 @@ struct Present {
     said_ns: u64,
     /// The same, but never later than when it was heard [ns].
     observed_ns: u64,
+    /// When the box was due, never later than it was observed [ns].
+    due_ns: u64,
 }
 
 /// A box that waits for a decision.
@@ -245,7 +247,8 @@ impl Commander {
         let (spec, revision, said_ns) = (queue.current.try_into()?, queue.revision, queue.header.observed_ns);
         let is_repeated = |known: &Present| (known.spec, known.revision, known.said_ns) == (spec, revision, said_ns);
         // A stamp from the future would postpone the deadlines.
-        let new = Present { spec, revision, said_ns, observed_ns: said_ns.min(now_ns) };
+        let observed_ns = said_ns.min(now_ns);
+        let new = Present { spec, revision, said_ns, observed_ns, due_ns: queue.due_ns.min(observed_ns) };
         Ok(Some(self.present.filter(is_repeated).unwrap_or(new)))
     }
 
@@ -297,6 +300,7 @@ impl Commander {
             self.check_emptiness(&present.spec)?;
         }
         let stamps = Stamps {
+            due_ns: present.due_ns,
             observed_ns: present.observed_ns,
             boxes_published_ns: set.boxes_stamp_ns,
             candidates_received_ns: set.received_ns,

@@ -487,3 +487,16 @@ fn an_outcome_that_could_not_be_written_down_is_tried_again_without_an_event() {
     bench.wait(OBSERVED + 50 * MS);
     assert_eq!(bench.journal().last.unwrap().1, Some(MotionOutcome::Done));
 }
+
+#[test]
+fn when_a_box_was_due_is_reported_and_delays_no_deadline() {
+    for (said_ns, due_ns) in [(OBSERVED - 90 * MS, OBSERVED - 90 * MS), (u64::MAX, OBSERVED)] {
+        let mut bench = Bench::new(ClosePolicy::Never);
+        bench.queue.due_ns = said_ns;
+        assert_eq!(bench.observe(1, [20, 20, 20]), None);
+        assert_eq!(bench.wait(OBSERVED + 24 * MS), None, "a box that waited has the time of any other");
+        let order = bench.wait(OBSERVED + 25 * MS).unwrap();
+        let report = bench.report(&Bench::motion(&order)).unwrap();
+        assert_eq!((report.stamps.due_ns, report.stamps.observed_ns), (due_ns, OBSERVED));
+    }
+}

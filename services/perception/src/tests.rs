@@ -19,7 +19,7 @@ fn perception(boxes: &str, behaviour: Behaviour) -> Perception {
     let path = dir.path().join("stream.json");
     let text = format!(r#"{{"meta": {{"name": "s", "unit": "cm", "container": [4, 4, 4]}}, "episodes": [{boxes}]}}"#);
     fs::write(&path, text).unwrap();
-    let belt = Belt::open(path.to_str().unwrap(), 0, 1, size()).unwrap();
+    let belt = Belt::open(path.to_str().unwrap(), 0, 1 + boxes.matches("]], [[").count() as u64, size()).unwrap();
     Perception::new(behaviour, Grid::new(size(), 2).unwrap(), belt, 0)
 }
 
@@ -263,4 +263,22 @@ fn a_new_pace_counts_from_the_next_box_on() {
     perception.set_behaviour(hourly, 53 * MS);
     command(&mut perception, Action::Place, at(1, 0), 54 * MS);
     assert_eq!(perception.wake_ns(), Some(102 * MS), "a slower one from the box after that on");
+}
+
+#[test]
+fn a_belt_keeps_its_schedule_whoever_is_behind_it() {
+    let behaviour = Behaviour { pace_ns: 10 * MS, ..behaviour() };
+    let mut perception = perception("[[1, 1, 1], [1, 1, 1]], [[1, 1, 1], [1, 1, 1]]", behaviour);
+    assert_eq!(on_time(&mut perception, 0), [Say::Boxes(0)]);
+    // Nobody decides for 35 ms: three boxes should have come meanwhile, the last two after other containers.
+    command(&mut perception, Action::Place, at(0, 0), 35 * MS);
+    assert_eq!(boxes(&perception).due_ns, 10 * MS);
+    command(&mut perception, Action::Replace, at(1, 0), 36 * MS);
+    assert_eq!(boxes(&perception).due_ns, 36 * MS, "what the arm did is not charged to the decision");
+    command(&mut perception, Action::Place, at(0, 1), 37 * MS);
+    assert_eq!(boxes(&perception).due_ns, 20 * MS, "an episode's end is no excuse either");
+    command(&mut perception, Action::Place, at(0, 0), 38 * MS);
+    assert_eq!((boxes(&perception).current.id, boxes(&perception).due_ns), (4, 30 * MS));
+    command(&mut perception, Action::Place, at(0, 1), 39 * MS);
+    assert_eq!(boxes(&perception).due_ns, 0, "nothing is due at an empty belt");
 }

@@ -14,7 +14,8 @@ use crate::LogLevel;
 /// Starts the log of a tool: lines on stderr. A second call changes nothing.
 pub fn init_log(level: LogLevel) {
     let lines = tracing_subscriber::fmt().with_writer(io::stderr).with_target(false);
-    let lines = lines.with_ansi(io::stderr().is_terminal()).with_max_level(level.filter());
+    // A line that a full disk does not take is lost; it is nothing to die of.
+    let lines = lines.with_ansi(io::stderr().is_terminal()).with_max_level(level.filter()).log_internal_errors(false);
     let _the_first_caller_decides = lines.try_init();
 }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 
 use crate::log::init_service_log;
 use crate::{Config, ConfigError, scheduling};
@@ -61,6 +61,8 @@ impl StopSignal {
         for signal in [SIGTERM, SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&flag))?;
         }
+        // A file that reached the largest size allowed is an error that can be said, not a death.
+        signal_hook::flag::register(SIGXFSZ, Arc::default())?;
         Ok(Self(flag))
     }
 

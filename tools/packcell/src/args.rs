@@ -69,9 +69,19 @@ impl CellArgs {
         Ok(config)
     }
 
+    /// The configuration that the running cell on the meant bus has, as far as it can be known.
+    pub(crate) fn running_config(&self) -> anyhow::Result<Config> {
+        Ok(Config::load(&running_file(self.config.as_deref(), &self.overrides)?, &self.overrides)?)
+    }
+
     /// Whether a policy or a model was asked for.
     pub(crate) fn names_policy(&self) -> bool {
         self.policy.is_some() || self.model.is_some()
+    }
+
+    /// Whether it was said where the state is kept.
+    pub(crate) fn names_state(&self) -> bool {
+        self.config.is_some() || self.overrides.iter().any(|text| text.starts_with("state.dir"))
     }
 
     /// Whether a pace was asked for.
@@ -101,23 +111,28 @@ impl WhichCell {
 
     /// The file that holds it.
     pub(crate) fn file(&self) -> anyhow::Result<PathBuf> {
-        if let Some(path) = &self.config {
-            return Ok(path.clone());
-        }
-        let own = own_cell()?.overridden(&self.overrides)?.bus.root_dir.join(CELL_FILE);
-        if own.exists() {
-            return Ok(own);
-        }
-        let installed = PathBuf::from(INSTALLED);
-        if installed.exists() {
-            return Ok(installed);
-        }
-        bail!(
-            "no cell runs on the bus {}: start one with 'packcell up', or an installed one with \
-             'systemctl start packcell.target'",
-            own.parent().unwrap_or(&own).display()
-        )
+        running_file(self.config.as_deref(), &self.overrides)
     }
+}
+
+/// The configuration file of the cell that is meant by these flags.
+fn running_file(file: Option<&Path>, overrides: &[String]) -> anyhow::Result<PathBuf> {
+    if let Some(path) = file {
+        return Ok(path.to_owned());
+    }
+    let own = own_cell()?.overridden(overrides)?.bus.root_dir.join(CELL_FILE);
+    if own.exists() {
+        return Ok(own);
+    }
+    let installed = PathBuf::from(INSTALLED);
+    if installed.exists() {
+        return Ok(installed);
+    }
+    bail!(
+        "no cell runs on the bus {}: start one with 'packcell up', or an installed one with \
+         'systemctl start packcell.target'",
+        own.parent().unwrap_or(&own).display()
+    )
 }
 
 /// The cell that a person runs without an installation: the documented defaults, with a bus and a state of this user.

@@ -14,6 +14,7 @@ mod page;
 mod private_bus;
 mod restart;
 mod session;
+mod soak;
 mod status;
 mod swap;
 mod up;
@@ -30,6 +31,11 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Keeps a cell running until Ctrl-C
     Up(up::UpArgs),
+    /// Packs boxes for hours, harms the cell on schedule, and reports what became of every box
+    Soak(soak::SoakArgs),
+    /// Measures the machine itself beside a soak
+    #[command(hide = true)]
+    Baseline(soak::BaselineArgs),
     /// Shows what every process of a running cell is doing
     Status(status::StatusArgs),
     /// Replaces the scorer of a running cell, without a pause
@@ -49,6 +55,8 @@ fn main() -> ExitCode {
     let done = match Command::parse() {
         Command::Demo(args) => demo::run(&args),
         Command::Up(args) => up::run(&args),
+        Command::Soak(args) => soak::run(&args),
+        Command::Baseline(args) => soak::run_baseline(&args),
         Command::Status(args) => status::run(&args),
         Command::Swap(args) => swap::run(&args),
         Command::Journal(args) => journal_list::run(&args),

@@ -89,7 +89,7 @@ fn keep_running(config: &Config) -> anyhow::Result<()> {
 }
 
 /// What concerns whoever supervises the processes; the rest is for the commander.
-fn obey(control: &Control, cell: &mut Cell) -> anyhow::Result<()> {
+pub(crate) fn obey(control: &Control, cell: &mut Cell) -> anyhow::Result<()> {
     let wish = Wish::from_wire(control.wish).and_then(|wish| Ok((wish, Instance::from_wire(control.instance)?)));
     match wish {
         Ok((Wish::Start, instance)) => cell.start_scorer(instance),
