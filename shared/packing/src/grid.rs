@@ -90,8 +90,7 @@ impl Grid {
     /// [`SizeError`] beyond the limits of a grid.
     pub fn with_support(size: ContainerSize, slots: usize, support: Support) -> Result<Self, SizeError> {
         size.check_slots(slots)?;
-        let surface = Surface::with_support(size, support);
-        let slot = |container| Slot { container, revision: 0, boxes: 0, surface: surface.clone() };
+        let slot = |container| Slot { container, revision: 0, boxes: 0, surface: Surface::with_support(size, support) };
         Ok(Self { size, revision: 0, slots: (0..slots as u32).map(slot).collect() })
     }
 

@@ -269,7 +269,7 @@ impl Default for CandidatesConfig {
 
 impl Default for ScorerConfig {
     fn default() -> Self {
-        let (policy, engine) = ("packman-lookahead".into(), "burn-flex".into());
+        let (policy, engine) = ("packman-lookahead".into(), "fused".into());
         Self { policy, model: PathBuf::new(), engine, think_us: 2000 }
     }
 }

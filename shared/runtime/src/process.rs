@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
 use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 
 use crate::log::init_service_log;
@@ -20,9 +20,9 @@ pub struct ServiceArgs {
     /// Overrides one key of the file, for example --set commander.hard_deadline_ms=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Stop when the process that started this one ends
-    #[arg(long)]
-    pub with_parent: bool,
+    /// Stop when the process with this id ends, which is the one that started this one
+    #[arg(long, value_name = "PID")]
+    pub with_parent: Option<i32>,
 }
 
 impl ServiceArgs {
@@ -32,11 +32,11 @@ impl ServiceArgs {
     /// # Errors
     /// [`ConfigError`] says which file or key is wrong, and how.
     pub fn load(&self) -> Result<Config, ConfigError> {
-        if self.with_parent {
-            let parent = getppid();
+        if let Some(parent) = self.with_parent {
             // Best effort: without it the cell's supervisor still stops what it started, unless it is killed.
             let _ = set_parent_process_death_signal(Some(Signal::TERM));
-            if getppid() != parent {
+            // If the parent ended before that, somebody else is the parent now.
+            if getppid().map(Pid::as_raw_pid) != Some(parent) {
                 let _ = rustix::process::kill_process(rustix::process::getpid(), Signal::TERM);
             }
         }

@@ -81,7 +81,7 @@ mod tests {
         let args = ServiceArgs {
             config: file.clone(),
             overrides: vec!["commander.soft_deadline_ms=3".into()],
-            with_parent: false,
+            with_parent: None,
         };
         let mut reload = ReloadSignal::catch(args, Config::default()).unwrap();
         fs::write(&file, "[commander]\nhard_deadline_ms = 30\n").unwrap();

@@ -2,6 +2,7 @@
 #![expect(clippy::print_stdout, reason = "printing is what a tool does")]
 
 mod args;
+mod bench;
 mod cell;
 mod check;
 mod clean;
@@ -36,6 +37,8 @@ enum Command {
     /// Measures the machine itself beside a soak
     #[command(hide = true)]
     Baseline(soak::BaselineArgs),
+    /// Measures the whole decision: over four processes, in one, and over Unix sockets instead of the bus
+    Bench(bench::BenchArgs),
     /// Shows what every process of a running cell is doing
     Status(status::StatusArgs),
     /// Replaces the scorer of a running cell, without a pause
@@ -57,6 +60,7 @@ fn main() -> ExitCode {
         Command::Up(args) => up::run(&args),
         Command::Soak(args) => soak::run(&args),
         Command::Baseline(args) => soak::run_baseline(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Status(args) => status::run(&args),
         Command::Swap(args) => swap::run(&args),
         Command::Journal(args) => journal_list::run(&args),
