@@ -119,7 +119,9 @@ fn an_episode_survives_whatever_dies_and_freezes() {
     let mut observer = Observer::new(cell.bus_config());
     let mut faults = 0;
     while !observer.has_ended() {
-        assert!(cell.child.try_wait().unwrap().is_none(), "the supervisor gave up");
+        if let Some(status) = cell.child.try_wait().unwrap() {
+            panic!("the supervisor gave up ({status}): {}", cell.said());
+        }
         if observer.over().len() as u64 + 40 < boxes() {
             let services = services(&cell);
             let drawn = draw.below(4) as usize;
@@ -147,7 +149,7 @@ fn scorers_are_swapped_while_boxes_keep_coming() {
     let mut cell = cell("swap", "10", 0);
     cell.await_status();
     let mut observer = Observer::new(cell.bus_config());
-    let output = packcell("swap", &cell, &["--policy", "packman", "--sets", "20", "--dry-run"]);
+    let output = packcell("swap", &cell, &["--policy", "packman", "--sets", "20", "--p99-max-ms", "5000", "--dry-run"]);
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success() && said.contains("nothing was changed"), "{said}");
     // A model that is none, one that disagrees, and one that is too slow, are not promoted.
@@ -164,7 +166,8 @@ fn scorers_are_swapped_while_boxes_keep_coming() {
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(!output.status.success() && said.contains(says), "{args:?}: {said}");
     }
-    let output = packcell("swap", &cell, &["--policy", "packman", "--sets", "20"]);
+    // However slow the machine is: what is tried here is the swap.
+    let output = packcell("swap", &cell, &["--policy", "packman", "--sets", "20", "--p99-max-ms", "5000"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let status = cell.await_status();
     assert!(status.contains("the active scorer: b") && !status.contains("scorer a"), "{status}");
@@ -174,7 +177,7 @@ fn scorers_are_swapped_while_boxes_keep_coming() {
     wait_until("the commander is back and obeys b", || {
         cell.await_status().contains("the active scorer: b").then_some(())
     });
-    let output = packcell("swap", &cell, &["--back", "--sets", "10"]);
+    let output = packcell("swap", &cell, &["--back", "--sets", "10", "--p99-max-ms", "5000"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     observer.look();
     let models: BTreeSet<u64> = observer.reports.values().map(|report| report.model).collect();

@@ -193,9 +193,14 @@ impl UpCell {
     pub(crate) fn stop_with(&mut self, how: Signal) -> (Option<i32>, String) {
         signal(self.child.id(), how);
         let status = self.child.wait().unwrap();
+        (status.code(), self.said())
+    }
+
+    /// What it said, once it has ended.
+    pub(crate) fn said(&mut self) -> String {
         let mut said = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-        (status.code(), said)
+        said
     }
 
     /// What is left of it in shared memory.
