@@ -15,6 +15,7 @@
 //! - Full shared memory kills the process that touches the page: [`Bus::join`] refuses to start without room.
 //! - A timed wait ends at a kernel tick, up to 10 ms late, and one of less than a microsecond never: [`Bell::wait`]
 //!   polls the listener's socket instead, with the kernel's high-resolution timers.
+//! - Its node counter is writable for all users of the machine: [`Bus::join`] closes it.
 //! - The blackboard pattern stays locked after its writer was killed: it is not used.
 
 use std::fs;
@@ -45,7 +46,7 @@ use messages::topics::{
 };
 use rustix::event::{PollFd, PollFlags, Timespec};
 
-use crate::{BusConfig, StopSignal, monotonic_ns};
+use crate::{BusConfig, BusOwner, StopSignal, monotonic_ns};
 
 /// How long a process tries to join a topic before it gives up.
 const JOIN_PATIENCE: Duration = Duration::from_secs(5);
@@ -78,6 +79,17 @@ pub enum BusError {
         path: PathBuf,
         /// What the operating system says.
         source: io::Error,
+    },
+    /// The bus belongs to another user.
+    #[error(
+        "the bus {path} belongs to the user {owner}, and all processes of a cell must be of one user: \
+         run this with 'sudo -u {owner}'"
+    )]
+    Foreign {
+        /// As configured.
+        path: PathBuf,
+        /// The name of its owner.
+        owner: String,
     },
     /// The bus's directory or prefix is no name that iceoryx2 takes.
     #[error(
@@ -206,6 +218,7 @@ impl Bus {
         let settings = iceoryx_settings(config)?;
         let unusable = |source| BusError::RootDir { path: root_dir.clone(), source };
         fs::DirBuilder::new().recursive(true).mode(0o700).create(&root_dir).map_err(unusable)?;
+        BusOwner::require_me(config)?;
         check_shared_memory()?;
         let iceoryx = iceoryx_config(&root_dir, &settings)?;
         let stop = StopSignal::catch().map_err(BusError::Signals)?;
@@ -223,6 +236,7 @@ impl Bus {
             root_dir: root_dir.clone(),
             reason: format!("{error:?}"),
         })?;
+        close_to_others(Path::new(SHARED_MEMORY), &config.prefix);
         // A process id is unique among the living, and no two processes with the same one start in one microsecond.
         let publisher_id = u64::from(std::process::id()) << 40 | (monotonic_ns() / 1000) & ((1 << 40) - 1);
         let prefix = config.prefix.clone();
@@ -538,6 +552,18 @@ fn iceoryx_config(root_dir: &Path, settings: &str) -> Result<IceoryxConfig, BusE
     IceoryxConfig::from_file(&file).map_err(|error| invalid(&error))
 }
 
+/// Takes from other users what iceoryx2 gives them: it makes its node counter readable and writable for everybody, and
+/// everything else for the owner alone.
+fn close_to_others(shared_memory: &Path, prefix: &str) {
+    for entry in fs::read_dir(shared_memory).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(prefix) && name.ends_with(".global_mgmt") {
+            let _another_user_s_is_not_ours = fs::set_permissions(entry.path(), fs::Permissions::from_mode(0o600));
+        }
+    }
+}
+
 fn check_shared_memory() -> Result<(), BusError> {
     let Ok(state) = rustix::fs::statvfs(SHARED_MEMORY) else {
         return Ok(()); // Not mounted there: iceoryx2 will say what it misses.
@@ -562,7 +588,7 @@ fn remove_unfinished_services(services: &Path, age: Duration) {
         let is_unfinished = state.is_file() && state.permissions().mode() & 0o200 != 0;
         let is_old = state.modified().ok().and_then(|time| time.elapsed().ok()).is_some_and(|elapsed| elapsed > age);
         if is_unfinished && is_old && entry.path().extension().is_some_and(|extension| extension == "service") {
-            tracing::warn!(file = %entry.path().display(), "removed what a killed process left half-created");
+            tracing::warn!("removed {}, which a killed process left half-created", entry.path().display());
             let _somebody_else_may_have_been_faster = fs::remove_file(entry.path());
         }
     }
@@ -606,6 +632,21 @@ mod tests {
             let config = BusConfig { root_dir: root_dir.into(), prefix: prefix.to_owned() };
             assert!(matches!(iceoryx_settings(&config), Err(BusError::Name { .. })), "{root_dir} {prefix}");
         }
+    }
+
+    #[test]
+    fn the_node_counter_is_closed_to_others() {
+        let dir = tempfile::tempdir().unwrap();
+        let make = |name: &str| {
+            let path = dir.path().join(name);
+            fs::write(&path, "x").unwrap();
+            fs::set_permissions(&path, fs::Permissions::from_mode(0o666)).unwrap();
+            path
+        };
+        let (own, foreign) = (make("a_1_node.global_mgmt"), make("b_1_node.global_mgmt"));
+        close_to_others(dir.path(), "a_");
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        assert_eq!((mode(&own), mode(&foreign)), (0o600, 0o666));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The one configuration file of a cell.
 
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::fs;
 use std::io;
@@ -199,9 +200,17 @@ pub enum ConfigError {
     ClosePolicy(String),
 }
 
+impl BusConfig {
+    /// The bus of the cell that the user `uid` keeps running without an installation.
+    #[must_use]
+    pub fn of_user(uid: u32) -> Self {
+        Self { root_dir: format!("/dev/shm/packcell-{uid}.bus").into(), prefix: format!("packcell{uid}_") }
+    }
+}
+
 impl Default for BusConfig {
     fn default() -> Self {
-        Self { root_dir: "/dev/shm/packcell.bus".into(), prefix: "packcell_".into() }
+        Self { root_dir: "/run/packcell/bus".into(), prefix: "packcell_".into() }
     }
 }
 
@@ -316,6 +325,22 @@ impl Config {
     #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("plain sections of plain values are a TOML document")
+    }
+
+    /// The keys, as `section.key`, to which `other` gives another value.
+    #[must_use]
+    pub fn changed_keys(&self, other: &Self) -> Vec<String> {
+        let keys = |config: &Self| {
+            let table = toml::Table::try_from(config).expect("plain sections of plain values are a TOML document");
+            let sections = table.into_iter().filter_map(|(name, section)| Some((name, section.as_table()?.clone())));
+            sections
+                .flat_map(|(name, section)| {
+                    section.into_iter().map(move |(key, value)| (format!("{name}.{key}"), value))
+                })
+                .collect::<BTreeMap<_, _>>()
+        };
+        let other = keys(other);
+        keys(self).into_iter().filter(|(key, value)| other.get(key) != Some(value)).map(|(key, _)| key).collect()
     }
 
     /// The size of the containers.
@@ -453,6 +478,12 @@ mod tests {
         let config = config.unwrap();
         assert_eq!((config.commander.hard_deadline_ms, config.scorer.policy.as_str()), (31, "walle"));
         assert_eq!(config.commander.soft_deadline_ms, 12);
+    }
+
+    #[test]
+    fn changed_keys_are_named() {
+        let changed = load("[commander]\nhard_deadline_ms = 31\n", &["scorer.model=x", "log.level=info"]).unwrap();
+        assert_eq!(Config::default().changed_keys(&changed), ["commander.hard_deadline_ms", "scorer.model"]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! A service as an operating-system process: its arguments, its log, its end.
+//! A service as an operating-system process: its arguments, its start, its end.
 
 use std::io;
 use std::path::PathBuf;
@@ -6,9 +6,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 
-use crate::{Config, ConfigError, LogLevel};
+use crate::log::init_service_log;
+use crate::{Config, ConfigError, scheduling};
 
 /// The arguments that every service takes.
 #[derive(Clone, Debug, clap::Args)]
@@ -25,7 +26,8 @@ pub struct ServiceArgs {
 }
 
 impl ServiceArgs {
-    /// Reads the configuration, starts the log and ties the process to its parent if it is to be.
+    /// Reads the configuration, starts the log, says what the kernel granted, and ties the process to its parent if
+    /// it is to be.
     ///
     /// # Errors
     /// [`ConfigError`] says which file or key is wrong, and how.
@@ -39,15 +41,10 @@ impl ServiceArgs {
             }
         }
         let config = Config::load(&self.config, &self.overrides)?;
-        init_log(config.log.level);
+        init_service_log(config.log.level);
+        scheduling::settle();
         Ok(config)
     }
-}
-
-/// Starts the log: lines on stderr, which systemd's journal takes up. A second call changes nothing.
-pub fn init_log(level: LogLevel) {
-    let format = tracing_subscriber::fmt().with_writer(io::stderr).with_target(false);
-    let _the_first_caller_decides = format.with_max_level(level.filter()).try_init();
 }
 
 /// Whether SIGTERM or SIGINT asked the process to end.
@@ -64,6 +61,8 @@ impl StopSignal {
         for signal in [SIGTERM, SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&flag))?;
         }
+        // A file that reached the largest size allowed is an error that can be said, not a death.
+        signal_hook::flag::register(SIGXFSZ, Arc::default())?;
         Ok(Self(flag))
     }
 

@@ -238,14 +238,15 @@ fn stop_all(services: &mut [Service]) -> anyhow::Result<()> {
     if failed.is_empty() { Ok(()) } else { bail!("not stopped cleanly: {}", failed.join(", ")) }
 }
 
-/// A program lies beside this one.
+/// A program lies beside this one, or where the package installs it.
 pub(crate) fn program_path(name: &str) -> anyhow::Result<PathBuf> {
     let own = std::env::current_exe().context("cannot tell where packcell lies")?;
-    let path = own.with_file_name(name);
-    if path.exists() {
-        Ok(path)
+    let beside = own.with_file_name(name);
+    let installed = own.with_file_name("../lib/packcell").join(name);
+    if let Some(path) = [&beside, &installed].into_iter().find(|path| path.exists()) {
+        Ok(path.clone())
     } else {
-        bail!("{} is missing: build or install all programs of packcell together", path.display())
+        bail!("{} is missing: build or install all programs of packcell together", beside.display())
     }
 }
 

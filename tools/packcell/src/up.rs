@@ -33,9 +33,6 @@ pub(crate) struct UpArgs {
 
 pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
     let mut config = args.cell.config()?;
-    if !args.cell.names_state() {
-        config.state.dir = own_state_dir()?;
-    }
     expected_boxes(&mut config)?;
     let (root_dir, prefix) = (config.bus.root_dir.clone(), config.bus.prefix.clone());
     fs::create_dir_all(&root_dir).with_context(|| format!("cannot create the bus {}", root_dir.display()))?;
@@ -92,7 +89,7 @@ fn keep_running(config: &Config) -> anyhow::Result<()> {
 }
 
 /// What concerns whoever supervises the processes; the rest is for the commander.
-fn obey(control: &Control, cell: &mut Cell) -> anyhow::Result<()> {
+pub(crate) fn obey(control: &Control, cell: &mut Cell) -> anyhow::Result<()> {
     let wish = Wish::from_wire(control.wish).and_then(|wish| Ok((wish, Instance::from_wire(control.instance)?)));
     match wish {
         Ok((Wish::Start, instance)) => cell.start_scorer(instance),
@@ -119,13 +116,6 @@ fn scorers(config: &Config) -> anyhow::Result<Vec<Instance>> {
         scorers.push(active);
     }
     Ok(scorers)
-}
-
-/// Where the state of a cell is kept that a person starts by hand.
-fn own_state_dir() -> anyhow::Result<PathBuf> {
-    let home = std::env::home_dir().filter(|home| home.is_absolute());
-    let home = home.context("there is no home directory to keep the cell's state in: use --set state.dir=DIR")?;
-    Ok(home.join(".local/state/packcell"))
 }
 
 fn remove_if_there(path: &PathBuf) -> anyhow::Result<()> {
