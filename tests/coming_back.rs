@@ -80,3 +80,29 @@ fn a_bus_that_was_left_half_created_is_repaired() {
     ALL.into_iter().for_each(|name| cell.start(name));
     cell.await_progress("the cell packs on the repaired bus");
 }
+
+/// A process killed between creating shared memory and giving it a size leaves an empty file. Whoever opens it waits
+/// for ever, cleaning up included.
+#[test]
+fn shared_memory_without_a_size_holds_nobody_up() {
+    let mut cell = Services::new("sizeless", SETTINGS);
+    ALL.into_iter().for_each(|name| cell.start(name));
+    cell.await_progress("the cell packs");
+    let prefix = cell.root_dir().file_name().unwrap().to_str().unwrap().to_owned() + "_";
+    cell.kill("scorer");
+    let connections = leftovers(&prefix).into_iter().filter(|name| name.ends_with(".connection"));
+    let mut emptied = 0;
+    for name in connections {
+        // Those of the dead and those of the living: the living keep what they have mapped.
+        let path = format!("/dev/shm/{name}");
+        fs::remove_file(&path).unwrap();
+        fs::write(&path, b"").unwrap();
+        emptied += 1;
+    }
+    assert!(emptied > 0);
+    cell.start("scorer");
+    cell.await_progress("the cell packs on");
+    ALL.into_iter().for_each(|name| cell.kill(name));
+    ALL.into_iter().for_each(|name| cell.start(name));
+    cell.await_progress("the cell packs after a new start");
+}

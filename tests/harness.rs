@@ -5,7 +5,7 @@ use std::fs;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal};
@@ -131,6 +131,8 @@ pub(crate) struct UpCell {
     pub(crate) prefix: String,
     root_dir: String,
     state: TempDir,
+    /// Reads what it says, so that it never waits for somebody to listen.
+    listener: Option<JoinHandle<String>>,
 }
 
 impl UpCell {
@@ -141,8 +143,8 @@ impl UpCell {
         let mut command = Command::new(program("packcell"));
         let state = tempfile::tempdir().unwrap();
         command.arg("up").args(args).args(bus_args(&root_dir, &prefix, state.path()));
-        command.stdout(Stdio::piped()).stderr(Stdio::piped()).stdin(Stdio::null());
-        Self { child: command.spawn().unwrap(), prefix, root_dir, state }
+        let (child, listener) = listened(&mut command);
+        Self { child, prefix, root_dir, state, listener }
     }
 
     /// The arguments by which other programs reach its bus.
@@ -169,8 +171,7 @@ impl UpCell {
     pub(crate) fn restart(mut self, args: &[&str]) -> Self {
         let mut command = Command::new(program("packcell"));
         command.arg("up").args(args).args(self.bus_args());
-        command.stdout(Stdio::piped()).stderr(Stdio::piped()).stdin(Stdio::null());
-        self.child = command.spawn().unwrap();
+        (self.child, self.listener) = listened(&mut command);
         self
     }
 
@@ -191,11 +192,11 @@ impl UpCell {
 
     /// Stops it with a signal; its exit code and what it said.
     pub(crate) fn stop_with(&mut self, how: Signal) -> (Option<i32>, String) {
-        signal(self.child.id(), how);
+        if self.child.try_wait().unwrap().is_none() {
+            signal(self.child.id(), how);
+        }
         let status = self.child.wait().unwrap();
-        let mut said = String::new();
-        self.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-        (status.code(), said)
+        (status.code(), self.listener.take().unwrap().join().unwrap())
     }
 
     /// What is left of it in shared memory.
@@ -212,6 +213,18 @@ impl Drop for UpCell {
             let _the_test_has_failed_already = self.child.kill();
         }
     }
+}
+
+/// Starts a program, and somebody who reads what it and its children say on stderr.
+fn listened(command: &mut Command) -> (Child, Option<JoinHandle<String>>) {
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).stdin(Stdio::null()).spawn().unwrap();
+    let mut stderr = child.stderr.take().unwrap();
+    let listen = move || {
+        let mut said = Vec::new();
+        stderr.read_to_end(&mut said).unwrap();
+        String::from_utf8_lossy(&said).into_owned()
+    };
+    (child, Some(thread::spawn(listen)))
 }
 
 fn bus_args(root_dir: &str, prefix: &str, state_dir: &Path) -> Vec<String> {

@@ -1,17 +1,20 @@
 //! Grid and box to candidate set.
 //!
-//! Keeps nothing between boxes but a copy of the grid, which it brings up to date container by container. A restart
-//! loses nothing: the next repetition of the observation is answered.
+//! Keeps nothing between boxes but a copy of the grid, which it brings up to date container by container, and what it
+//! found for the boxes that are known to follow. A restart loses nothing: the next repetition of the observation is
+//! answered.
 
-use messages::{Belief, BeltState, BoxQueue, CandidateSet, GridCopy, Malformed};
-use packing::{BoxSpec, Candidate, WalleWeights, corner_candidates};
+use messages::{Belief, BeltState, BoxQueue, CANDIDATES_MAX, CandidateSet, GridCopy, Malformed, UPCOMING_MAX};
+use packing::{BoxSpec, Candidate, CandidateFinder, WalleWeights};
 use runtime::Tally;
 
 /// The generator's state between two events.
 #[derive(Debug)]
 pub struct Candidates {
-    weights: WalleWeights,
+    finder: CandidateFinder,
     grid: GridCopy,
+    /// Whose grid it is: another publisher's revisions count something else.
+    publisher: u64,
     found: Vec<Candidate>,
     tally: Tally,
 }
@@ -27,7 +30,9 @@ impl Candidates {
     /// A generator that ranks by these weights, for whoever has no better opinion in time.
     #[must_use]
     pub fn new(weights: WalleWeights) -> Self {
-        Self { weights, grid: GridCopy::default(), found: Vec::new(), tally: Tally::default() }
+        let finder = CandidateFinder::new(weights, 1 + UPCOMING_MAX);
+        let (grid, found) = (GridCopy::default(), Vec::with_capacity(CANDIDATES_MAX));
+        Self { finder, grid, publisher: 0, found, tally: Tally::default() }
     }
 
     /// The candidates of the box at the pick position; nothing if there is none, or if box and belief are not of one
@@ -54,9 +59,22 @@ impl Candidates {
         let spec = BoxSpec::try_from(queue.current)?;
         queue.known_upcoming()?;
         let grid = self.grid.follow(belief)?;
-        corner_candidates(grid, grid.extent(&spec), &self.weights, &mut self.found);
+        if self.publisher != belief.header.publisher {
+            self.publisher = belief.header.publisher;
+            self.finder.forget();
+        }
+        self.finder.find(grid, grid.extent(&spec), &mut self.found);
         self.tally.handle(spec.id());
         Ok(true)
+    }
+
+    /// Searches for the boxes behind the one that was answered, while nobody waits: when one of them comes, only the
+    /// containers that changed are searched again.
+    pub fn look_ahead(&mut self, queue: &BoxQueue) {
+        let (Some(grid), Ok(upcoming)) = (self.grid.grid(), queue.known_upcoming()) else { return };
+        for spec in upcoming.iter().flat_map(|&wire| BoxSpec::try_from(wire)) {
+            self.finder.expect(grid, grid.extent(&spec));
+        }
     }
 
     /// What it did so far.
@@ -87,7 +105,7 @@ impl Found<'_> {
 mod tests {
     use bytemuck::Zeroable;
     use messages::WireBox;
-    use packing::{ContainerSize, Grid};
+    use packing::{ContainerSize, Extent, Grid, Placement, Yaw};
 
     use super::*;
 
@@ -115,6 +133,32 @@ mod tests {
         found.write(&mut set, 9);
         assert_eq!((set.count, set.current.id, set.boxes_stamp_ns, set.received_ns), (8, 5, 8, 9));
         assert_eq!((service.tally().counters.handled, service.tally().counters.last_box), (1, 5));
+    }
+
+    #[test]
+    fn an_expected_box_and_another_perception_get_what_the_grid_offers() {
+        let mut grid = Grid::new(ContainerSize::new(9, 9, 9, 10).unwrap(), 2).unwrap();
+        let (mut belief, mut queue) = observation([30, 40, 50]);
+        let mut service = candidates();
+        for publisher in 1..4 {
+            belief.header.publisher = publisher;
+            let mut expected = Vec::new();
+            packing::corner_candidates(
+                &grid,
+                Extent { length: 3, breadth: 4, height: 5 },
+                &WalleWeights::PAPER,
+                &mut expected,
+            );
+            assert_eq!(service.find(&queue, &belief).unwrap().candidates, expected);
+            (queue.upcoming[0], queue.upcoming_count) = (queue.current, 1);
+            service.look_ahead(&queue);
+            // Another perception begins anew: the same revisions mean other grids.
+            grid = Grid::new(grid.size(), 2).unwrap();
+            let place = Placement { slot: publisher as u16 % 2, yaw: Yaw::Deg0, i: 0, j: 0, base: 0 };
+            grid.place(&BoxSpec::new(1, [20, 20, 10 * publisher as u32]).unwrap(), place).unwrap();
+            belief.write(&grid);
+            queue.revision = grid.revision();
+        }
     }
 
     #[test]

@@ -8,6 +8,9 @@ use messages::topics::{BELIEF, BOXES, CANDIDATES, Role};
 use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
 use tracing::info;
 
+/// How long after an answer the service looks ahead [ns]. The box is decided by then: nobody waits for a processor.
+const LOOK_AHEAD_AFTER_NS: u64 = 5_000_000;
+
 /// Finds the places where the box on the belt could go.
 #[derive(Parser)]
 #[command(version)]
@@ -28,15 +31,22 @@ fn main() -> anyhow::Result<()> {
     let mut reporter = Reporter::new(&bus, "corner placements")?;
     info!("ready");
 
-    while bell.wait(None)? {
+    let mut look_ahead_ns = None;
+    while bell.wait(look_ahead_ns)? {
         let received_ns = monotonic_ns();
         if queues.refresh()? {
             beliefs.refresh()?;
             if let (Some(queue), Some(belief)) = (queues.get(), beliefs.get())
                 && let Some(found) = candidates.find(queue, belief)
             {
-                sets.publish(found.observed_ns(), |set| found.write(set, received_ns))?;
+                let answered_ns = sets.publish(found.observed_ns(), |set| found.write(set, received_ns))?;
+                look_ahead_ns = Some(answered_ns + LOOK_AHEAD_AFTER_NS);
             }
+        } else if look_ahead_ns.is_some_and(|due_ns| received_ns >= due_ns)
+            && let Some(queue) = queues.get()
+        {
+            candidates.look_ahead(queue);
+            look_ahead_ns = None;
         }
         sets.greet_newcomers()?;
         reporter.report_if_due(candidates.tally())?;

@@ -1,6 +1,6 @@
 //! The effects on a real bus and a real disk.
 
-use commander::{Effects, Order};
+use commander::{CycleLog, Effects, Order};
 use journal::{AppendError, Entry, Journal, Record};
 use messages::topics::{COMMANDS, CYCLES};
 use messages::{CycleReport, PlaceCommand};
@@ -12,11 +12,13 @@ pub(crate) struct Hands {
     journal: Journal,
     commands: Publisher<PlaceCommand>,
     cycles: Publisher<CycleReport>,
+    log: CycleLog,
 }
 
 impl Hands {
     pub(crate) fn new(bus: &Bus, journal: Journal) -> Result<Self, BusError> {
-        Ok(Self { journal, commands: bus.publisher(&COMMANDS)?, cycles: bus.publisher(&CYCLES)? })
+        let (commands, cycles, log) = (bus.publisher(&COMMANDS)?, bus.publisher(&CYCLES)?, CycleLog::default());
+        Ok(Self { journal, commands, cycles, log })
     }
 
     /// Says the last word again to those that came late.
@@ -48,6 +50,7 @@ impl Effects for Hands {
 
     fn report(&mut self, report: &CycleReport) -> Result<(), BusError> {
         self.cycles.publish(report.stamps.observed_ns, |cycle| *cycle = *report)?;
+        self.log.record(report);
         self.journal.sync_soon();
         Ok(())
     }

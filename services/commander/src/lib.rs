@@ -9,6 +9,7 @@
 //! commander that starts with what an earlier one wrote knows which order is open: it says that command again while
 //! the box lies there, and never another one for it.
 
+mod cycle_log;
 mod order;
 
 use journal::{AppendError, Intent, Outcome, Record, State};
@@ -20,10 +21,14 @@ use messages::{
 use packing::{
     BoxSpec, Candidate, ClosePolicy, Grid, Heuristic, PlaceError, Placement, WalleWeights, Yaw, corner_candidates,
 };
-use runtime::Tally;
+use runtime::{CommanderConfig, Tally};
+
+pub use cycle_log::CycleLog;
 
 pub use order::Order;
 use order::Origin;
+
+const NS_PER_MS: u64 = 1_000_000;
 
 /// How often the arm may refuse to place one box; then the box is set aside.
 const REFUSALS_MAX: u32 = 3;
@@ -97,6 +102,8 @@ struct Present {
     said_ns: u64,
     /// The same, but never later than when it was heard [ns].
     observed_ns: u64,
+    /// When the box was due, never later than it was observed [ns].
+    due_ns: u64,
 }
 
 /// A box that waits for a decision.
@@ -149,6 +156,15 @@ enum Refusal {
     FalselyEmpty(u64),
 }
 
+impl Deadlines {
+    /// As configured.
+    #[must_use]
+    pub fn of(config: &CommanderConfig) -> Self {
+        let [soft_ns, hard_ns] = [config.soft_deadline_ms, config.hard_deadline_ms].map(|ms| ms * NS_PER_MS);
+        Self { soft_ns, hard_ns }
+    }
+}
+
 impl Commander {
     /// A commander with these deadlines and this close policy, which goes on from `state` at `now_ns`.
     #[must_use]
@@ -171,6 +187,11 @@ impl Commander {
             refused: None,
             tally: Tally::default(),
         }
+    }
+
+    /// Deadlines and a close policy for everything that comes from here on.
+    pub fn set_rules(&mut self, deadlines: Deadlines, close: ClosePolicy) {
+        (self.deadlines, self.close) = (deadlines, close);
     }
 
     /// Says again how the last order went: the commander before may have died between writing that down and saying it.
@@ -225,7 +246,8 @@ impl Commander {
         let (spec, revision, said_ns) = (queue.current.try_into()?, queue.revision, queue.header.observed_ns);
         let is_repeated = |known: &Present| (known.spec, known.revision, known.said_ns) == (spec, revision, said_ns);
         // A stamp from the future would postpone the deadlines.
-        let new = Present { spec, revision, said_ns, observed_ns: said_ns.min(now_ns) };
+        let observed_ns = said_ns.min(now_ns);
+        let new = Present { spec, revision, said_ns, observed_ns, due_ns: queue.due_ns.min(observed_ns) };
         Ok(Some(self.present.filter(is_repeated).unwrap_or(new)))
     }
 
@@ -277,6 +299,7 @@ impl Commander {
             self.check_emptiness(&present.spec)?;
         }
         let stamps = Stamps {
+            due_ns: present.due_ns,
             observed_ns: present.observed_ns,
             boxes_published_ns: set.boxes_stamp_ns,
             candidates_received_ns: set.received_ns,

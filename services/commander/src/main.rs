@@ -13,10 +13,8 @@ use ears::Ears;
 use hands::Hands;
 use journal::{Found, Journal};
 use messages::topics::{ACTIVE, Role};
-use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
+use runtime::{Bus, ReloadSignal, Reporter, ServiceArgs, monotonic_ns};
 use tracing::{info, warn};
-
-const NS_PER_MS: u64 = 1_000_000;
 
 /// How often the dead are cleaned up after, when no box waits [ns].
 const CLEANING_NS: u64 = 1_000_000_000;
@@ -30,20 +28,19 @@ struct Args {
 }
 
 fn main() -> anyhow::Result<()> {
-    let config = Args::parse().service.load()?;
-    let deadlines = Deadlines {
-        soft_ns: config.commander.soft_deadline_ms * NS_PER_MS,
-        hard_ns: config.commander.hard_deadline_ms * NS_PER_MS,
-    };
+    let args = Args::parse().service;
+    let config = args.load()?;
     let (journal, found) = Journal::open(&config.state.journal(), config.commander.journal_mib << 20)?;
     match found {
         Found::Nothing | Found::Whole => info!(?found, "journal"),
         Found::Cut(_) | Found::Damaged(_) => warn!(?found, "the journal was not whole; it goes on from what was"),
     }
     let state = *journal.state();
-    let mut commander = Commander::new(deadlines, config.close_policy()?, &state, monotonic_ns());
+    let mut commander =
+        Commander::new(Deadlines::of(&config.commander), config.close_policy()?, &state, monotonic_ns());
 
     let bus = Bus::join(&config.bus, Role::Commander)?;
+    let mut reload = ReloadSignal::catch(args, config)?;
     let mut hands = Hands::new(&bus, journal)?;
     let mut ears = Ears::new(&bus)?;
     let mut active = bus.publisher(&ACTIVE)?;
@@ -54,6 +51,9 @@ fn main() -> anyhow::Result<()> {
 
     let (mut is_active_said, mut cleaning_due_ns) = (false, 0);
     while bell.wait(commander.wake_ns())? {
+        if let Some(config) = reload.take() {
+            commander.set_rules(Deadlines::of(&config.commander), config.close_policy()?);
+        }
         is_active_said &= !ears.listen(&mut commander, &mut hands)?;
         if !is_active_said {
             let (instance, request) = commander.active();

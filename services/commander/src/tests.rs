@@ -173,6 +173,16 @@ fn the_active_instance_is_obeyed_at_once() {
 }
 
 #[test]
+fn new_rules_hold_for_the_box_that_waits() {
+    let mut bench = Bench::new(ClosePolicy::Never);
+    bench.observe(1, [20, 30, 20]);
+    bench.commander.set_rules(Deadlines { soft_ns: 5 * MS, hard_ns: 6 * MS }, ClosePolicy::Fullest);
+    assert_eq!(bench.commander.wake_ns(), Some(OBSERVED + 6 * MS));
+    let order = bench.wait(OBSERVED + 6 * MS);
+    assert_eq!(chosen(order).0, ChosenBy::Fallback);
+}
+
+#[test]
 fn a_standby_is_obeyed_after_the_soft_deadline() {
     let mut bench = Bench::new(ClosePolicy::Never);
     bench.observe(1, [20, 30, 20]);
@@ -476,4 +486,17 @@ fn an_outcome_that_could_not_be_written_down_is_tried_again_without_an_event() {
     bench.deeds.is_disk_full = false;
     bench.wait(OBSERVED + 50 * MS);
     assert_eq!(bench.journal().last.unwrap().1, Some(MotionOutcome::Done));
+}
+
+#[test]
+fn when_a_box_was_due_is_reported_and_delays_no_deadline() {
+    for (said_ns, due_ns) in [(OBSERVED - 90 * MS, OBSERVED - 90 * MS), (u64::MAX, OBSERVED)] {
+        let mut bench = Bench::new(ClosePolicy::Never);
+        bench.queue.due_ns = said_ns;
+        assert_eq!(bench.observe(1, [20, 20, 20]), None);
+        assert_eq!(bench.wait(OBSERVED + 24 * MS), None, "a box that waited has the time of any other");
+        let order = bench.wait(OBSERVED + 25 * MS).unwrap();
+        let report = bench.report(&Bench::motion(&order)).unwrap();
+        assert_eq!((report.stamps.due_ns, report.stamps.observed_ns), (due_ns, OBSERVED));
+    }
 }

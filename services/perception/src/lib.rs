@@ -16,7 +16,7 @@ use messages::{
     WirePlacement,
 };
 use packing::{BoxSpec, Grid, Placement};
-use runtime::Tally;
+use runtime::{PerceptionConfig, Tally};
 use serde::{Deserialize, Serialize};
 
 use world::Moving;
@@ -24,6 +24,8 @@ use world::Moving;
 pub use belt::{Belt, Position, StreamError};
 pub use reality::Reality;
 pub use world::{World, WorldError};
+
+const NS_PER_MS: u64 = 1_000_000;
 
 /// How the stub behaves.
 #[derive(Clone, Copy, Debug)]
@@ -66,7 +68,7 @@ enum Phase {
     /// The next box is on its way.
     Waiting,
     /// A box lies at the pick position.
-    Present { spec: BoxSpec, observed_ns: u64, repeat_at_ns: u64 },
+    Present { spec: BoxSpec, due_ns: u64, observed_ns: u64, repeat_at_ns: u64 },
     /// The arm moves.
     Moving { spec: BoxSpec, moving: Moving, done_ns: u64 },
     /// There are no more boxes.
@@ -113,6 +115,16 @@ enum Refusal {
     Impossible(#[from] packing::PlaceError),
     #[error("the arm fails (world.refuse_share)")]
     Arm,
+}
+
+impl Behaviour {
+    /// As configured.
+    #[must_use]
+    pub fn of(config: &PerceptionConfig) -> Self {
+        let [pace_ns, motion_ns, repeat_ns] =
+            [config.pace_ms, config.motion_ms, config.repeat_ms].map(|ms| ms * NS_PER_MS);
+        Self { pace_ns, motion_ns, repeat_ns, upcoming: config.upcoming }
+    }
 }
 
 impl Perception {
@@ -211,6 +223,12 @@ impl Perception {
         }
     }
 
+    /// Behaves like this from `now_ns` on; the next box comes at the new pace if that is sooner.
+    pub fn set_behaviour(&mut self, behaviour: Behaviour, now_ns: u64) {
+        self.behaviour = behaviour;
+        self.due_ns = self.due_ns.min(now_ns + behaviour.pace_ns);
+    }
+
     /// The containers as they stand.
     #[must_use]
     pub fn grid(&self) -> &Grid {
@@ -277,14 +295,15 @@ impl Perception {
                 }
                 say.push(Say::Belief);
                 self.is_changed = true;
-                self.due_ns = self.due_ns.max(now_ns);
                 return;
             }
         }
         if let Some(spec) = self.belt.take_next() {
             let spec = self.measured(&spec);
-            self.due_ns = if self.behaviour.pace_ns == 0 { now_ns } else { self.due_ns + self.behaviour.pace_ns };
-            self.phase = Phase::Present { spec, observed_ns: now_ns, repeat_at_ns: now_ns };
+            // A belt with a pace keeps its schedule, whoever is behind it; one without has none.
+            let due_ns = if self.behaviour.pace_ns == 0 { now_ns } else { self.due_ns };
+            self.due_ns = due_ns + self.behaviour.pace_ns;
+            self.phase = Phase::Present { spec, due_ns, observed_ns: now_ns, repeat_at_ns: now_ns };
         }
     }
 
@@ -366,8 +385,8 @@ impl Perception {
             say.push(Say::Belief);
         }
         self.phase = match action {
-            // The box still lies there, before other containers: that is a new observation.
-            Action::Replace => Phase::Present { spec, observed_ns: now_ns, repeat_at_ns: now_ns },
+            // The box still lies there, before other containers: that is a new observation, due when the arm is done.
+            Action::Replace => Phase::Present { spec, due_ns: now_ns, observed_ns: now_ns, repeat_at_ns: now_ns },
             Action::Place | Action::SetAside => {
                 self.taken += 1;
                 Phase::Waiting
@@ -413,6 +432,7 @@ impl Perception {
         let upcoming = self.belt.upcoming().take(self.behaviour.upcoming.min(UPCOMING_MAX));
         queue.write_upcoming(upcoming.map(|spec| self.measured(&spec)));
         (queue.taken, queue.episodes) = (self.taken, self.belt.episodes_begun());
+        queue.due_ns = if let Phase::Present { due_ns, .. } = self.phase { due_ns } else { 0 };
     }
 
     /// What it did so far.

@@ -10,11 +10,9 @@ use clap::Parser;
 use messages::topics::{BELIEF, BOXES, COMMANDS, MOTIONS, Role};
 use packing::Grid;
 use perception::{Behaviour, Belt, Perception, Reality, Say};
-use runtime::{Bus, Reporter, ServiceArgs, monotonic_ns};
+use runtime::{Bus, ReloadSignal, Reporter, ServiceArgs, monotonic_ns};
 use tracing::info;
 use world_file::WorldFile;
-
-const NS_PER_MS: u64 = 1_000_000;
 
 /// Stands in for the belt, the containers, the sensor and the arm.
 #[derive(Parser)]
@@ -25,14 +23,9 @@ struct Args {
 }
 
 fn main() -> anyhow::Result<()> {
-    let config = Args::parse().service.load()?;
+    let args = Args::parse().service;
+    let config = args.load()?;
     let (size, settings) = (config.container_size()?, &config.perception);
-    let behaviour = Behaviour {
-        pace_ns: settings.pace_ms * NS_PER_MS,
-        motion_ns: settings.motion_ms * NS_PER_MS,
-        repeat_ns: settings.repeat_ms * NS_PER_MS,
-        upcoming: settings.upcoming,
-    };
     let belt = Belt::open(&settings.stream, settings.seed, settings.episodes, size)?;
     let grid = Grid::with_rules(size, config.container.slots, config.rules())?;
 
@@ -45,8 +38,8 @@ fn main() -> anyhow::Result<()> {
     let (mut file, world) = WorldFile::open(&config.state.world())?;
     let reality = Reality::of(&config, &grid);
     let resumed = match &world {
-        Some(world) => Perception::resume(behaviour, &grid, belt, world, monotonic_ns()),
-        None => Ok(Perception::new(behaviour, grid, belt, monotonic_ns())),
+        Some(world) => Perception::resume(Behaviour::of(settings), &grid, belt, world, monotonic_ns()),
+        None => Ok(Perception::new(Behaviour::of(settings), grid, belt, monotonic_ns())),
     };
     let remedy = || format!("cannot go on from {}; remove it to begin anew", config.state.world().display());
     let mut perception =
@@ -54,9 +47,13 @@ fn main() -> anyhow::Result<()> {
     let mut say = Vec::new();
     perception.begin(&mut say);
     let mut reporter = Reporter::new(&bus, &format!("stub: {}", settings.stream))?;
-    info!(stream = settings.stream, goes_on = world.is_some(), "ready");
+    info!(goes_on = world.is_some(), "ready: {}", settings.stream);
 
+    let mut reload = ReloadSignal::catch(args, config)?;
     while bell.wait(if perception.is_changed() { None } else { perception.wake_ns() })? {
+        if let Some(config) = reload.take() {
+            perception.set_behaviour(Behaviour::of(&config.perception), monotonic_ns());
+        }
         while !perception.is_changed()
             && let Some(command) = commands.receive()?
         {

@@ -15,11 +15,16 @@ fn size() -> ContainerSize {
 
 /// A cell of two small containers and a belt with these boxes.
 fn perception(boxes: &str, behaviour: Behaviour) -> Perception {
+    perception_of(1, boxes, behaviour)
+}
+
+/// The same, whose stream has so many episodes.
+fn perception_of(episodes: u64, boxes: &str, behaviour: Behaviour) -> Perception {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("stream.json");
     let text = format!(r#"{{"meta": {{"name": "s", "unit": "cm", "container": [4, 4, 4]}}, "episodes": [{boxes}]}}"#);
     fs::write(&path, text).unwrap();
-    let belt = Belt::open(path.to_str().unwrap(), 0, 1, size()).unwrap();
+    let belt = Belt::open(path.to_str().unwrap(), 0, episodes, size()).unwrap();
     Perception::new(behaviour, Grid::new(size(), 2).unwrap(), belt, 0)
 }
 
@@ -202,7 +207,9 @@ fn a_restarted_stub_finds_the_world_as_it_was_left() {
     restarted.begin(&mut said);
     assert_eq!(said, [Say::Belief, Say::Motion(report(MotionOutcome::Done))]);
     assert_eq!(on_time(&mut restarted, 1000), [Say::Boxes(1000)]);
-    assert_eq!(boxes(&restarted), boxes(&perception), "the same box on the same belief");
+    let due_ns = boxes(&perception).due_ns;
+    assert_eq!(BoxQueue { due_ns, ..boxes(&restarted) }, boxes(&perception), "the same box on the same belief");
+    assert_eq!((due_ns, boxes(&restarted).due_ns), (9, 1000), "a belt that stood still begins its schedule anew");
     assert_eq!(restarted.grid().slots()[0].surface().heights(), perception.grid().slots()[0].surface().heights());
     assert_eq!(restarted.grid().slots()[0].revision(), perception.grid().slots()[0].revision());
     // What the old one was told, the new one does as well.
@@ -395,4 +402,37 @@ fn a_restarted_stub_finds_the_true_world_as_it_was_left() {
     let refused = Perception::resume(behaviour(), &empty, plain.belt, &perfect.world(), 3).unwrap();
     let message = refused.in_reality(reality, Some(&perfect.world())).unwrap_err().to_string();
     assert!(message.contains("[world]"), "{message}");
+}
+
+#[test]
+fn a_new_pace_counts_from_the_next_box_on() {
+    let hourly = Behaviour { pace_ns: 3_600_000 * MS, ..behaviour() };
+    let mut perception = perception("[[1, 2, 3], [2, 2, 2], [3, 3, 3]]", hourly);
+    assert_eq!(on_time(&mut perception, 0), [Say::Boxes(0)]);
+    command(&mut perception, Action::Place, at(0, 0), MS);
+    assert_eq!(perception.wake_ns(), Some(3_600_000 * MS));
+    perception.set_behaviour(Behaviour { pace_ns: 50 * MS, ..behaviour() }, 2 * MS);
+    assert_eq!(perception.wake_ns(), Some(52 * MS));
+    assert_eq!(on_time(&mut perception, 52 * MS), [Say::Boxes(52 * MS)]);
+    perception.set_behaviour(hourly, 53 * MS);
+    command(&mut perception, Action::Place, at(1, 0), 54 * MS);
+    assert_eq!(perception.wake_ns(), Some(102 * MS), "a slower one from the box after that on");
+}
+
+#[test]
+fn a_belt_keeps_its_schedule_whoever_is_behind_it() {
+    let behaviour = Behaviour { pace_ns: 10 * MS, ..behaviour() };
+    let mut perception = perception_of(2, "[[1, 1, 1], [1, 1, 1]], [[1, 1, 1], [1, 1, 1]]", behaviour);
+    assert_eq!(on_time(&mut perception, 0), [Say::Boxes(0)]);
+    // Nobody decides for 35 ms: three boxes should have come meanwhile, the last two after other containers.
+    command(&mut perception, Action::Place, at(0, 0), 35 * MS);
+    assert_eq!(boxes(&perception).due_ns, 10 * MS);
+    command(&mut perception, Action::Replace, at(1, 0), 36 * MS);
+    assert_eq!(boxes(&perception).due_ns, 36 * MS, "what the arm did is not charged to the decision");
+    command(&mut perception, Action::Place, at(0, 1), 37 * MS);
+    assert_eq!(boxes(&perception).due_ns, 20 * MS, "an episode's end is no excuse either");
+    command(&mut perception, Action::Place, at(0, 0), 38 * MS);
+    assert_eq!((boxes(&perception).current.id, boxes(&perception).due_ns), (4, 30 * MS));
+    command(&mut perception, Action::Place, at(0, 1), 39 * MS);
+    assert_eq!(boxes(&perception).due_ns, 0, "nothing is due at an empty belt");
 }

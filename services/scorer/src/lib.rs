@@ -3,8 +3,8 @@
 //! Keeps nothing between boxes but a copy of the grid and its last verdict. A restart loses nothing: the next
 //! repetition of the set is answered, and meanwhile the commander has other opinions.
 
-use messages::{Belief, CandidateSet, Decision, GridCopy, Instance, Malformed, WireBox};
-use packing::{BoxSpec, Candidate, ContainerSize, Extent, Grid, PlaceError, WalleWeights, corner_candidates};
+use messages::{Belief, CANDIDATES_MAX, CandidateSet, Decision, GridCopy, Instance, Malformed, UPCOMING_MAX, WireBox};
+use packing::{BoxSpec, Candidate, ContainerSize, Extent, Grid, PlaceError, Placement, Yaw};
 use policy::{NotFinite, Policy};
 use runtime::Tally;
 
@@ -64,16 +64,30 @@ impl Scorer {
     /// The instance of this number with this policy.
     #[must_use]
     pub fn new(policy: Policy, instance: Instance) -> Self {
-        let (candidates, upcoming) = (Vec::new(), Vec::new());
+        let (candidates, upcoming) = (Vec::with_capacity(CANDIDATES_MAX), Vec::with_capacity(UPCOMING_MAX));
         let (grid, tally, answered) = (GridCopy::default(), Tally::default(), None);
         Self { policy, instance, answered, grid, candidates, upcoming, tally }
     }
 
-    /// Scores a box on empty containers, so that the first real box does not pay for what is done only once.
+    /// Scores as many candidates as a set can have, so that no box pays for what is done only once: the memory of all
+    /// buffers is there and touched.
     pub fn warm_up(&mut self, size: ContainerSize, slots: usize) {
         let Ok(grid) = Grid::new(size, slots) else { return };
-        let extent = Extent { length: 1, breadth: 1, height: 1 };
-        corner_candidates(&grid, extent, &WalleWeights::PAPER, &mut self.candidates);
+        let extent = Extent { length: size.length().div_ceil(2), breadth: size.breadth().div_ceil(2), height: 1 };
+        let (rows, columns) = (size.length() - extent.length, size.breadth() - extent.breadth);
+        // Neighbours differ in `i`, so that nothing is shared between them.
+        let places = (0..=columns).flat_map(|j| (0..=rows).map(move |i| (i, j))).cycle().take(CANDIDATES_MAX);
+        self.candidates.clear();
+        self.candidates.extend(
+            places.map(|(i, j)| Candidate {
+                placement: Placement { slot: 0, yaw: Yaw::Deg0, i, j, base: 0 },
+                walle: 0.0,
+            }),
+        );
+        for _ in 0..2 {
+            let _only_the_exercise_counts = self.policy.choose(&grid, extent, &[], &self.candidates);
+        }
+        self.candidates.truncate(4);
         for _ in 0..10 {
             let _only_the_exercise_counts = self.policy.choose(&grid, extent, &[extent], &self.candidates);
         }
@@ -174,7 +188,7 @@ impl Verdict {
 #[cfg(test)]
 mod tests {
     use bytemuck::Zeroable;
-    use packing::{Heuristic, Placement};
+    use packing::{Heuristic, WalleWeights, corner_candidates};
     use policy::{Engine, PolicyKind};
 
     use super::*;

@@ -5,8 +5,8 @@
 
 use anyhow::Context as _;
 use clap::Parser;
-use messages::Instance;
-use messages::topics::{BELIEF, CANDIDATES, DECISIONS, Role};
+use messages::topics::{BELIEF, CANDIDATES, CONTROL, DECISIONS, Role};
+use messages::{Instance, Wish};
 use policy::{Engine, Model, Policy, PolicyKind};
 use runtime::{Bus, Reporter, ScorerConfig, ServiceArgs, monotonic_ns};
 use scorer::Scorer;
@@ -44,8 +44,9 @@ fn main() -> anyhow::Result<()> {
     let mut beliefs = bus.latest(&BELIEF)?;
     let mut sets = bus.latest(&CANDIDATES)?;
     let mut decisions = bus.publisher(&DECISIONS)?;
+    let controls = bus.subscriber(&CONTROL)?;
     let mut reporter = Reporter::new(&bus, &detail)?.of_instance(args.instance.to_wire());
-    info!(instance = %args.instance, policy = detail, "ready");
+    info!(instance = %args.instance, "ready: {detail}");
 
     while bell.wait(None)? {
         let received_ns = monotonic_ns();
@@ -56,6 +57,12 @@ fn main() -> anyhow::Result<()> {
                     scorer.decide(set, belief, received_ns, &mut || monotonic_ns() >= received_ns + think_ns)
             {
                 decisions.publish(verdict.observed_ns(), |decision| verdict.write(decision, received_ns))?;
+            }
+        }
+        while let Some(control) = controls.receive()? {
+            if control.wish == Wish::Retire.to_wire() && control.instance == args.instance.to_wire() {
+                info!("retired");
+                return Ok(());
             }
         }
         reporter.report_if_due(scorer.tally())?;

@@ -90,12 +90,14 @@ pub fn decode(bytes: &[u8]) -> Contents {
     }
 }
 
-enum Next {
+/// What bytes begin with.
+pub(crate) enum Next {
     Entry { entry: Entry, bytes: usize },
     None(Rest),
 }
 
-fn next(bytes: &[u8]) -> Next {
+/// The entry that the bytes behind a journal's header, or behind another entry, begin with.
+pub(crate) fn next(bytes: &[u8]) -> Next {
     if bytes.is_empty() {
         return Next::None(Rest::Nothing);
     }

@@ -6,9 +6,11 @@
 //! whole by a length and a checksum before every record ([`decode`]).
 
 mod file;
+mod follow;
 mod frame;
 mod record;
 
 pub use file::{AppendError, Found, Journal, OpenError, read};
+pub use follow::Follower;
 pub use frame::{Contents, HEADER, Rest, decode, encode};
 pub use record::{Entry, Intent, Outcome, Record, State};

@@ -13,7 +13,7 @@ pub const UPCOMING_MAX: usize = 8;
 
 /// The box to place now and the next ones. Published again until its box is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("packcell/BoxQueue/v1")]
+#[type_name("packcell/BoxQueue/v2")]
 #[repr(C)]
 pub struct BoxQueue {
     /// See [`Header`]. `observed_ns` is when this box was first seen on this revision, also when it is said again.
@@ -32,6 +32,9 @@ pub struct BoxQueue {
     pub taken: u64,
     /// Episodes completed since the stream began.
     pub episodes: u64,
+    /// When the current box was due at the pick position [ns, CLOCK_MONOTONIC]: earlier than its observation if the
+    /// cell still had the box before it. 0 if the belt follows no schedule that is known.
+    pub due_ns: u64,
 }
 
 /// A box as measured on the belt.
@@ -61,7 +64,7 @@ pub enum BeltState {
 }
 
 const _: () = assert!(size_of::<WireBox>() == 24);
-const _: () = assert!(size_of::<BoxQueue>() == 32 + 8 + 24 + 8 * 24 + 8 + 16);
+const _: () = assert!(size_of::<BoxQueue>() == 32 + 8 + 24 + 8 * 24 + 8 + 24);
 
 impl_message!(BoxQueue);
 

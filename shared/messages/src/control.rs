@@ -44,7 +44,7 @@ pub enum Wish {
     Start,
     /// Obey the instance first from now on: to the commander.
     Promote,
-    /// Stop the instance and leave it stopped: to whoever supervises the processes.
+    /// End, and stay ended: to the instance itself, and to whoever supervises the processes.
     Retire,
 }
 

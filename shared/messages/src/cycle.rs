@@ -9,7 +9,7 @@ use crate::{Header, Malformed, WireBox, WirePlacement};
 
 /// What was done with one box, who chose it, and when each stage had it. Published after the motion.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("packcell/CycleReport/v2")]
+#[type_name("packcell/CycleReport/v3")]
 #[repr(C)]
 pub struct CycleReport {
     /// See [`Header`].
@@ -53,9 +53,12 @@ pub struct CycleReport {
 
 /// When each stage had the box [ns, CLOCK_MONOTONIC]; 0 where it had not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("packcell/Stamps/v1")]
+#[type_name("packcell/Stamps/v2")]
 #[repr(C)]
 pub struct Stamps {
+    /// The box was due at the pick position. A box that waited for the cell was due before it could be observed, and
+    /// whoever counts from here charges a stall to every box that it delayed.
+    pub due_ns: u64,
     /// Perception saw the box on this revision.
     pub observed_ns: u64,
     /// Perception published it.
@@ -102,8 +105,8 @@ pub enum Why {
     NothingFits,
 }
 
-const _: () = assert!(size_of::<Stamps>() == 72);
-const _: () = assert!(size_of::<CycleReport>() == 32 + 8 + 24 + 8 + 72 + 8 + 4 + 12 + 10 * 4);
+const _: () = assert!(size_of::<Stamps>() == 80);
+const _: () = assert!(size_of::<CycleReport>() == 32 + 8 + 24 + 8 + 80 + 8 + 4 + 12 + 10 * 4);
 
 impl_message!(CycleReport);
 

@@ -19,46 +19,57 @@ pub struct Candidate {
 /// approach", figure 5. `candidates` is cleared first.
 pub fn corner_candidates(grid: &Grid, extent: Extent, weights: &WalleWeights, candidates: &mut Vec<Candidate>) {
     candidates.clear();
+    let mut places = Vec::new();
     for slot in grid.open_slots() {
-        push_corners(grid, slot, extent, weights, candidates);
+        push_corners(grid, slot, extent, weights, &mut places, candidates);
     }
     if candidates.is_empty()
         && let Some(slot) = grid.fresh_slot()
     {
-        push_corners(grid, slot, extent, weights, candidates);
+        push_corners(grid, slot, extent, weights, &mut places, candidates);
     }
 }
 
-/// Appends the candidates of one container.
+/// A cell and the height of the base there.
+pub(crate) type Place = (u16, u16, u16);
+
+/// Appends the candidates of one container; `places` is scratch.
 pub(crate) fn push_corners(
     grid: &Grid,
     slot: u16,
     extent: Extent,
     weights: &WalleWeights,
+    places: &mut Vec<Place>,
     candidates: &mut Vec<Candidate>,
 ) {
     let surface = grid.slots()[usize::from(slot)].surface();
-    corner_places(surface, slot, extent, |placement| {
-        let Placement { i, j, base, .. } = placement;
-        let walle = weights.score(surface, extent.turned(placement.yaw), i, j, base);
-        candidates.push(Candidate { placement, walle });
-    });
+    for &yaw in extent.yaws() {
+        let turned = extent.turned(yaw);
+        collect_places(surface, turned, places);
+        candidates.extend(places.iter().map(|&(i, j, base)| {
+            let walle = weights.score(surface, turned, i, j, base);
+            Candidate { placement: Placement { slot, yaw, i, j, base }, walle }
+        }));
+    }
 }
 
 /// Calls `push` for the candidate places of a box of `extent` (yaw 0) in the container that stands in `slot`,
 /// ordered by yaw, `i` and `j`, each once.
 pub fn corner_places(surface: &Surface, slot: u16, extent: Extent, mut push: impl FnMut(Placement)) {
-    let mut places: Vec<(u16, u16, u16)> = Vec::new();
+    let mut places = Vec::new();
     for &yaw in extent.yaws() {
-        places.clear();
-        push_places(surface, extent.turned(yaw), |i, j, base| places.push((i, j, base)));
-        // The corners of one footprint find the same place up to four times.
-        places.sort_unstable();
-        places.dedup();
-        for &(i, j, base) in &places {
-            push(Placement { slot, yaw, i, j, base });
-        }
+        collect_places(surface, extent.turned(yaw), &mut places);
+        places.iter().for_each(|&(i, j, base)| push(Placement { slot, yaw, i, j, base }));
     }
+}
+
+/// The candidate places of a box of `turned` extent, ordered by `i` and `j`, each once; `places` is cleared first.
+fn collect_places(surface: &Surface, turned: Extent, places: &mut Vec<Place>) {
+    places.clear();
+    push_places(surface, turned, |i, j, base| places.push((i, j, base)));
+    // The corners of one footprint find the same place up to four times.
+    places.sort_unstable();
+    places.dedup();
 }
 
 /// Calls `push` for every feasible place one of whose footprint corners lies on a corner of the surface.
@@ -126,7 +137,7 @@ pub(crate) fn feasible_places(grid: &Grid, slot: u16, extent: Extent, yaws: &[Ya
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use proptest::prelude::*;
 
     use super::*;
@@ -175,7 +186,7 @@ mod tests {
 
     prop_compose! {
         /// A grid of three small containers with random boxes in the first two.
-        fn arb_grid()(l in 1u16..8, b in 1u16..8, h in 1u16..8, partial in any::<bool>(), level in 0u16..3, clearance_mm in 0u16..6)(
+        pub(crate) fn arb_grid()(l in 1u16..8, b in 1u16..8, h in 1u16..8, partial in any::<bool>(), level in 0u16..3, clearance_mm in 0u16..6)(
             drops in prop::collection::vec((0u16..2, 1u32..6, 1u32..6, 1u32..4, 0..l, 0..b), 0..24),
             size in Just(ContainerSize::new(l, b, h, 10).unwrap()),
             support in Just(if partial { Support::Partial } else { Support::Full }),

@@ -91,8 +91,7 @@ impl Grid {
     /// [`SizeError`] beyond the limits of a grid.
     pub fn with_rules(size: ContainerSize, slots: usize, rules: Rules) -> Result<Self, SizeError> {
         size.check_slots(slots)?;
-        let surface = Surface::with_rules(size, rules);
-        let slot = |container| Slot { container, revision: 0, boxes: 0, surface: surface.clone() };
+        let slot = |container| Slot { container, revision: 0, boxes: 0, surface: Surface::with_rules(size, rules) };
         Ok(Self { size, rules, revision: 0, slots: (0..slots as u32).map(slot).collect() })
     }
 

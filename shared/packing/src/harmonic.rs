@@ -103,13 +103,13 @@ fn class(grid: &Grid, turned: Extent) -> Option<[u16; 2]> {
 pub fn random_place(order: ContainerOrder, grid: &Grid, extent: Extent, draw: &mut Draw) -> Option<Placement> {
     let mut candidates = Vec::new();
     for slot in grid.open_slots() {
-        push_corners(grid, slot, extent, &WalleWeights::PAPER, &mut candidates);
+        push_corners(grid, slot, extent, &WalleWeights::PAPER, &mut Vec::new(), &mut candidates);
         if order == ContainerOrder::FirstThatFits && !candidates.is_empty() {
             break;
         }
     }
     if candidates.is_empty() {
-        push_corners(grid, grid.fresh_slot()?, extent, &WalleWeights::PAPER, &mut candidates);
+        push_corners(grid, grid.fresh_slot()?, extent, &WalleWeights::PAPER, &mut Vec::new(), &mut candidates);
     }
     let drawn = (!candidates.is_empty()).then(|| draw.below(candidates.len() as u64))?;
     Some(candidates[drawn as usize].placement)

@@ -70,7 +70,7 @@ impl Heuristic {
                 let mut candidates = Vec::new();
                 container_by_container(order, grid, |slot| {
                     candidates.clear();
-                    push_corners(grid, slot, extent, weights, &mut candidates);
+                    push_corners(grid, slot, extent, weights, &mut Vec::new(), &mut candidates);
                     best_by_score(candidates.iter().map(|candidate| (candidate.walle, candidate.placement)))
                 })
             }

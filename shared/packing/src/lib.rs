@@ -24,6 +24,7 @@ mod candidates;
 mod draw;
 mod environment;
 mod episode;
+mod finder;
 mod geometry;
 mod grid;
 mod harmonic;
@@ -37,6 +38,7 @@ pub use candidates::{Candidate, corner_candidates, corner_places};
 pub use draw::Draw;
 pub use environment::{ClosePolicy, Environment, Outcome, PlacedBox, Step};
 pub use episode::{CutRule, Episode, Order, Recipe, RecipeError, Split};
+pub use finder::CandidateFinder;
 pub use geometry::{
     BOX_SIDE_MM_MAX, BoxError, BoxSpec, ContainerSize, Extent, GRID_CELLS_MAX, Placement, SIDE_CELLS_MAX, SLOTS_MAX,
     SizeError, Yaw,

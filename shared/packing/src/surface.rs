@@ -4,6 +4,9 @@ use std::ops::Range;
 
 use crate::{ContainerSize, Extent, Rules, Support};
 
+/// Corners that have room from the start: more than a nearly full container of lattice boxes has.
+const CORNERS_RESERVED: usize = 256;
+
 /// One container seen from above: the height of every cell, row by row along `i`.
 ///
 /// Beside the heights it keeps what makes feasibility cheap, refreshed only where a box changed it: how many
@@ -71,19 +74,33 @@ impl Surface {
     pub fn with_rules(size: ContainerSize, rules: Rules) -> Self {
         let nothing = vec![0; size.footprint_cells()];
         let (run_i, run_j) = (nothing.clone(), nothing.clone());
-        let level_cells = rules.level_cells(size.cell_mm());
-        let mut surface = Self { size, rules, level_cells, heights: nothing, run_i, run_j, corners: Vec::new() };
-        surface.refresh_all();
+        let (level_cells, corners) = (rules.level_cells(size.cell_mm()), Vec::with_capacity(CORNERS_RESERVED));
+        let mut surface = Self { size, rules, level_cells, heights: nothing, run_i, run_j, corners };
+        surface.refresh(0..usize::from(size.length()), 0..usize::from(size.breadth()));
         surface
     }
 
-    /// Takes the heights of a container as measured or received, row by row along `i`.
+    /// Takes the heights of a container as measured or received, row by row along `i`. What differs is refreshed.
     ///
     /// # Panics
     /// If there are not as many heights as the container has cells.
     pub fn set_heights(&mut self, heights: &[u16]) {
-        self.heights.copy_from_slice(heights);
-        self.refresh_all();
+        assert_eq!(heights.len(), self.heights.len(), "the container has {} cells", self.heights.len());
+        let breadth = usize::from(self.size.breadth());
+        let mut changed: Option<(Range<usize>, Range<usize>)> = None;
+        for (row, (old, new)) in self.heights.chunks_exact(breadth).zip(heights.chunks_exact(breadth)).enumerate() {
+            let differs = |column: &usize| old[*column] != new[*column];
+            if old != new
+                && let (Some(first), Some(last)) = ((0..breadth).find(differs), (0..breadth).rfind(differs))
+            {
+                let (rows, columns) = changed.unwrap_or((row..row, first..last));
+                changed = Some((rows.start..row + 1, columns.start.min(first)..columns.end.max(last + 1)));
+            }
+        }
+        if let Some((rows, columns)) = changed {
+            self.heights.copy_from_slice(heights);
+            self.refresh(rows, columns);
+        }
     }
 
     /// The container's size.
@@ -202,13 +219,19 @@ impl Surface {
     }
 
     /// The heights [cells] of row `i` from one end of `j` to the other, as runs of equal ones: `(height, cells)`.
-    pub(crate) fn runs_along_j(&self, i: u16, j: Range<u16>) -> impl Iterator<Item = (u16, u16)> + '_ {
+    ///
+    /// # Panics
+    /// If the range leaves the container.
+    pub fn runs_along_j(&self, i: u16, j: Range<u16>) -> impl Iterator<Item = (u16, u16)> + '_ {
         let row = usize::from(i) * usize::from(self.size.breadth());
         runs(&self.heights, &self.run_j, row + usize::from(j.start), j.end - j.start, 1)
     }
 
     /// The heights [cells] of column `j` from one end of `i` to the other, as runs of equal ones: `(height, cells)`.
-    pub(crate) fn runs_along_i(&self, i: Range<u16>, j: u16) -> impl Iterator<Item = (u16, u16)> + '_ {
+    ///
+    /// # Panics
+    /// If the range leaves the container.
+    pub fn runs_along_i(&self, i: Range<u16>, j: u16) -> impl Iterator<Item = (u16, u16)> + '_ {
         let breadth = usize::from(self.size.breadth());
         runs(&self.heights, &self.run_i, usize::from(i.start) * breadth + usize::from(j), i.end - i.start, breadth)
     }
@@ -231,15 +254,14 @@ impl Surface {
         for row in rows.clone() {
             self.heights[row * breadth + columns.start..row * breadth + columns.end].fill(base + extent.height);
         }
-        self.refresh_runs_j(rows);
-        self.refresh_runs_i(columns);
-        self.refresh_corners();
+        self.refresh(rows, columns);
         Ok(base)
     }
 
-    fn refresh_all(&mut self) {
-        self.refresh_runs_j(0..usize::from(self.size.length()));
-        self.refresh_runs_i(0..usize::from(self.size.breadth()));
+    /// Brings everything up to date after heights changed in these rows and columns.
+    fn refresh(&mut self, rows: Range<usize>, columns: Range<usize>) {
+        self.refresh_runs_j(rows);
+        self.refresh_runs_i(columns);
         self.refresh_corners();
     }
 
@@ -263,35 +285,41 @@ impl Surface {
         self.run_i[last + columns.start..last + columns.end].fill(1);
         for row in (0..length - 1).rev() {
             let (start, end) = (row * breadth + columns.start, row * breadth + columns.end);
-            for here in start..end {
-                let below = here + breadth;
-                let level = self.heights[here] == self.heights[below];
-                self.run_i[here] = if level { self.run_i[below] + 1 } else { 1 };
+            let (runs, runs_below) = self.run_i.split_at_mut(start + breadth);
+            let heights = self.heights[start..end].iter().zip(&self.heights[start + breadth..]);
+            for ((run, run_below), (height, below)) in runs[start..end].iter_mut().zip(runs_below).zip(heights) {
+                *run = if height == below { *run_below + 1 } else { 1 };
             }
         }
     }
 
+    /// Only the ends of a row's runs can be corners.
     fn refresh_corners(&mut self) {
         let (length, breadth) = (usize::from(self.size.length()), usize::from(self.size.breadth()));
         self.corners.clear();
         let level_cells = self.level_cells;
         for i in 0..length {
             let row = i * breadth;
-            for j in 0..breadth {
-                let here = row + j;
-                let height = self.heights[here];
+            let mut j = 0;
+            while j < breadth {
+                let end = j + usize::from(self.run_j[row + j]);
+                let height = self.heights[row + j];
                 let differs = |other: usize| self.heights[other].abs_diff(height) > level_cells;
-                let towards_low_j = j == 0 || differs(here - 1);
-                let towards_high_j = j + 1 == breadth || differs(here + 1);
-                if !(towards_low_j || towards_high_j) {
-                    continue;
+                let is_low_end = j == 0 || differs(row + j - 1);
+                let is_high_end = end == breadth || differs(row + end);
+                let ends =
+                    [(j, is_low_end, is_high_end && j + 1 == end), (end - 1, is_low_end && j + 1 == end, is_high_end)];
+                for &(j, towards_low_j, towards_high_j) in if j + 1 == end { &ends[..1] } else { &ends[..] } {
+                    let here = row + j;
+                    let towards_low_i = i == 0 || differs(here - breadth);
+                    let towards_high_i = i + 1 == length || differs(here + breadth);
+                    if (towards_low_j || towards_high_j) && (towards_low_i || towards_high_i) {
+                        let (i, j) = (i as u16, j as u16);
+                        let corner = Corner { i, j, towards_low_i, towards_high_i, towards_low_j, towards_high_j };
+                        self.corners.push(corner);
+                    }
                 }
-                let towards_low_i = i == 0 || differs(here - breadth);
-                let towards_high_i = i + 1 == length || differs(here + breadth);
-                if towards_low_i || towards_high_i {
-                    let (i, j) = (i as u16, j as u16);
-                    self.corners.push(Corner { i, j, towards_low_i, towards_high_i, towards_low_j, towards_high_j });
-                }
+                j = end;
             }
         }
     }
@@ -375,7 +403,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::Yaw;
+    use crate::{Draw, Yaw};
 
     fn extent(length: u16, breadth: u16, height: u16) -> Extent {
         Extent { length, breadth, height }
@@ -399,6 +427,11 @@ mod tests {
                 surface
             })
         })
+    }
+
+    #[track_caller]
+    fn assert_same(a: &Surface, b: &Surface) {
+        assert_eq!((&a.run_i, &a.run_j, &a.corners), (&b.run_i, &b.run_j, &b.corners));
     }
 
     #[test]
@@ -475,10 +508,46 @@ mod tests {
         #[test]
         fn placing_keeps_what_a_full_refresh_would_give(surface in arb_surface()) {
             let mut fresh = Surface::with_rules(surface.size(), surface.rules());
-            fresh.set_heights(surface.heights());
-            prop_assert_eq!(&fresh.run_i, &surface.run_i);
-            prop_assert_eq!(&fresh.run_j, &surface.run_j);
-            prop_assert_eq!(&fresh.corners, &surface.corners);
+            fresh.heights.copy_from_slice(surface.heights());
+            fresh.refresh(0..usize::from(surface.size().length()), 0..usize::from(surface.size().breadth()));
+            assert_same(&fresh, &surface);
+        }
+
+        #[test]
+        fn taking_heights_over_refreshes_all_that_differs(surface in arb_surface(), seed in any::<u64>()) {
+            let mut other = Surface::with_rules(surface.size(), surface.rules());
+            let mut draw = Draw::new(0, seed, 0);
+            let few: Vec<u16> = surface.heights().iter().map(|&h| if draw.below(9) == 0 { 1 } else { h }).collect();
+            for heights in [surface.heights(), &few, surface.heights()] {
+                other.set_heights(heights);
+                prop_assert_eq!(other.heights(), heights);
+            }
+            assert_same(&other, &surface);
+        }
+
+        #[test]
+        fn corners_equal_the_definition(surface in arb_surface()) {
+            let (length, breadth) = (i32::from(surface.size().length()), i32::from(surface.size().breadth()));
+            let height = |i: i32, j: i32| surface.row(i as usize)[j as usize];
+            let differs = |i: i32, j: i32, from: u16| {
+                !(0..length).contains(&i) || !(0..breadth).contains(&j) || height(i, j).abs_diff(from) > surface.level_cells
+            };
+            let mut expected = Vec::new();
+            for (i, j) in (0..length).flat_map(|i| (0..breadth).map(move |j| (i, j))) {
+                let here = height(i, j);
+                let corner = Corner {
+                    i: i as u16,
+                    j: j as u16,
+                    towards_low_i: differs(i - 1, j, here),
+                    towards_high_i: differs(i + 1, j, here),
+                    towards_low_j: differs(i, j - 1, here),
+                    towards_high_j: differs(i, j + 1, here),
+                };
+                if (corner.towards_low_i || corner.towards_high_i) && (corner.towards_low_j || corner.towards_high_j) {
+                    expected.push(corner);
+                }
+            }
+            prop_assert_eq!(surface.corners(), expected);
         }
 
         #[test]

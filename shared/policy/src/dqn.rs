@@ -11,7 +11,6 @@ use packing::{
 use serde::{Deserialize, Serialize};
 
 use crate::encoding::{Batch, Encoder, Encoding, Walls};
-use crate::engine::Engine;
 use crate::model::Scope;
 use crate::network::{Network, tensors};
 use crate::policy::best;
@@ -229,7 +228,7 @@ impl Dqn {
 
     /// Plays with `epsilon`-greedy choices; gives the chosen rows, the figures, and whether all boxes were placed.
     fn play(&self, episode: &Episode) -> Result<(Batch, Outcome, bool), DqnError> {
-        let device = Engine::BurnFlex.device();
+        let device = Device::flex();
         let network = Network::new(&self.weights()?, &device).ok_or(DqnError::State)?;
         let mut encoder = Encoder::new(self.walls()?);
         let mut draw = Draw::new(purpose::EXPLORE, self.seed, self.episodes);
@@ -289,7 +288,7 @@ impl Dqn {
         }
         let targets = self.targets(&next, &rewards)?;
 
-        let device = Engine::BurnFlex.device().autodiff();
+        let device = Device::flex().autodiff();
         let network = Network::new(&self.weights()?, &device).ok_or(DqnError::State)?;
         let targets = Tensor::<2>::from_data(TensorData::new(targets, [rewards.len(), 1]), &device);
         let loss = (network.forward(tensors(&now, &device)) - targets).square().mean();
@@ -324,7 +323,7 @@ impl Dqn {
 
     /// The target of every drawn step; `next` holds the steps that follow those that are not the last.
     fn targets(&self, next: &Batch, rewards: &[(f32, bool)]) -> Result<Vec<f32>, DqnError> {
-        let device: Device = Engine::BurnFlex.device();
+        let device: Device = Device::flex();
         let target = Weights::new(Architecture::Published, self.target.clone()).ok_or(DqnError::State)?;
         let network = Network::new(&target, &device).ok_or(DqnError::State)?;
         let mut next_values = network.values(next, &device).ok_or(DqnError::State)?.into_iter();

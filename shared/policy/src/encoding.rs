@@ -14,6 +14,7 @@
 //! [`Walls::Full`] takes 1, as a container filled to its limit would.
 
 use std::fmt;
+use std::ops::Range;
 
 use packing::{Candidate, Extent, Grid, Placement};
 
@@ -137,12 +138,106 @@ impl Batch {
     }
 }
 
+/// The candidates of one decision, each as what it changes of the present grid.
+///
+/// This is all that [`Batch`] holds, in a few numbers a candidate: a box changes few of the 144 fields, a border is a
+/// few runs of equal heights, and candidates that differ in `j` alone mostly change the fields alike.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Changes {
+    /// `x` of the present grid.
+    present: Vec<f32>,
+    /// What the future grids change of it, one future after another.
+    inputs: Vec<Input>,
+    /// Where each future's inputs end.
+    futures: Vec<usize>,
+    /// What the borders are made of, one place after another.
+    steps: Vec<Step>,
+    places: Vec<Place>,
+}
+
+/// A number of `x` that is not what it is in the present grid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Input {
+    pub(crate) index: u16,
+    pub(crate) value: f32,
+}
+
+/// From this number of `y` on, up to the next step, all are this height (as a share of `H`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Step {
+    pub(crate) from: u16,
+    pub(crate) height: f32,
+}
+
+/// One candidate.
+#[derive(Clone, Debug)]
+struct Place {
+    future: usize,
+    steps: Range<usize>,
+    field: u16,
+}
+
+impl Changes {
+    /// `x` of the present grid.
+    pub(crate) fn present(&self) -> &[f32] {
+        &self.present
+    }
+
+    /// Encoded candidates.
+    pub(crate) fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// What every future grid changes of `x`, no two neighbouring candidates' alike.
+    pub(crate) fn futures(&self) -> impl ExactSizeIterator<Item = &[Input]> {
+        (0..self.futures.len()).map(|future| self.future(future))
+    }
+
+    fn future(&self, future: usize) -> &[Input] {
+        let start = if future == 0 { 0 } else { self.futures[future - 1] };
+        &self.inputs[start..self.futures[future]]
+    }
+
+    /// Every candidate: the index of its future, its `y` as steps, and its `z` as the index of its one.
+    pub(crate) fn places(&self) -> impl ExactSizeIterator<Item = (usize, &[Step], usize)> {
+        let each = |place: &Place| (place.future, &self.steps[place.steps.clone()], usize::from(place.field));
+        self.places.iter().map(each)
+    }
+
+    fn clear(&mut self) {
+        self.present.clear();
+        self.inputs.clear();
+        self.futures.clear();
+        self.steps.clear();
+        self.places.clear();
+    }
+
+    /// Writes every number out.
+    fn write(&self, batch: &mut Batch) {
+        batch.clear();
+        for (future, steps, field) in self.places() {
+            let x = batch.x.len();
+            batch.x.extend_from_slice(&self.present);
+            for input in self.future(future) {
+                batch.x[x + usize::from(input.index)] = input.value;
+            }
+            let y = batch.y.len();
+            for (index, step) in steps.iter().enumerate() {
+                let end = steps.get(index + 1).map_or(Y_LEN, |next| usize::from(next.from));
+                batch.y.resize(y + end, step.height);
+            }
+            batch.z.push(field as u16);
+        }
+    }
+}
+
 /// Encodes the candidates of one box after another, keeping its memory.
 #[derive(Clone, Debug)]
 pub struct Encoder {
     wall: f32,
     pool: Pool,
-    present: Vec<f32>,
+    changes: Changes,
+    runs: Vec<(u16, u16)>,
 }
 
 impl Encoder {
@@ -153,82 +248,156 @@ impl Encoder {
             Walls::Empty => 0.0,
             Walls::Full => 1.0,
         };
-        Self { wall, pool: Pool::default(), present: Vec::new() }
+        Self { wall, pool: Pool::default(), changes: Changes::default(), runs: Vec::new() }
     }
 
     /// Encodes the candidates of a box of `extent` (yaw 0) in their order; `batch` is cleared first.
     ///
-    /// The present grid is pooled once; a candidate changes only the fields that its footprint touches.
-    ///
     /// # Panics
     /// If a candidate does not lie in the grid, which no [`packing::corner_candidates`] returns.
     pub fn encode(&mut self, grid: &Grid, extent: Extent, candidates: &[Candidate], batch: &mut Batch) {
-        batch.clear();
+        self.changes(grid, extent, candidates).write(batch);
+    }
+
+    /// Encodes the candidates of a box of `extent` (yaw 0) in their order, as what they change.
+    ///
+    /// The present grid is pooled once, no future grid is ever made, and every border is read once, run by run.
+    pub(crate) fn changes(&mut self, grid: &Grid, extent: Extent, candidates: &[Candidate]) -> &Changes {
+        let changes = &mut self.changes;
+        changes.clear();
         if candidates.is_empty() {
-            return;
+            return changes;
         }
         let limit = f32::from(grid.size().height());
         self.pool.refresh(grid);
-        self.present.clear();
-        self.present.resize(X_LEN, 0.0);
+        changes.present.resize(X_LEN, 0.0);
         for (index, &field) in self.pool.fields().iter().enumerate() {
-            write_field(&mut self.present, index, field, limit);
+            for (input, value) in inputs(index, field, limit) {
+                changes.present[input] = value;
+            }
         }
+        let (mut line, mut first_of_line) = (None, 0);
         for candidate in candidates {
             let placement = candidate.placement;
             let turned = extent.turned(placement.yaw);
-            let start = batch.x.len();
-            batch.x.extend_from_slice(&self.present);
-            let x = &mut batch.x[start..];
-            self.pool.for_changed(grid, turned, placement, |index, field| write_field(x, index, field, limit));
-            push_border(grid, turned, placement, self.wall, &mut batch.y);
-            batch.z.push(self.pool.field_of(placement) as u16);
+            let start = changes.inputs.len();
+            self.pool.for_changed(grid, turned, placement, |index, field| {
+                let changed = inputs(index, field, limit).into_iter().filter(|&(k, value)| changes.present[k] != value);
+                changes.inputs.extend(changed.map(|(k, value)| Input { index: k as u16, value }));
+            });
+            let its_line = Some((placement.slot, placement.yaw, placement.i));
+            if line != its_line {
+                (line, first_of_line) = (its_line, changes.futures.len());
+            }
+            let twin = (first_of_line..changes.futures.len()).find(|&f| changes.future(f) == &changes.inputs[start..]);
+            if twin.is_some() {
+                changes.inputs.truncate(start);
+            } else {
+                changes.futures.push(changes.inputs.len());
+            }
+            let future = twin.unwrap_or(changes.futures.len() - 1);
+            let first = changes.steps.len();
+            push_border(grid, turned, placement, self.wall, &mut self.runs, &mut changes.steps);
+            let field = self.pool.field_of(placement) as u16;
+            changes.places.push(Place { future, steps: first..changes.steps.len(), field });
         }
+        changes
     }
 }
 
-fn write_field(x: &mut [f32], index: usize, field: Field, limit: f32) {
+/// The three numbers of `x` that describe a field, with their places.
+fn inputs(index: usize, field: Field, limit: f32) -> [(usize, f32); 3] {
     let average = if field.cells == 0 { 0.0 } else { field.sum as f32 / field.cells as f32 };
-    x[index] = average / limit;
-    x[FIELDS + index] = f32::from(field.highest) / limit;
-    x[2 * FIELDS + index] = f32::from(field.highest - field.lowest) / limit;
+    [
+        (index, average / limit),
+        (FIELDS + index, f32::from(field.highest) / limit),
+        (2 * FIELDS + index, f32::from(field.highest - field.lowest) / limit),
+    ]
 }
 
-/// Appends the `y` of one placement.
-fn push_border(grid: &Grid, turned: Extent, placement: Placement, wall: f32, y: &mut Vec<f32>) {
-    let limit = f32::from(grid.size().height());
+/// Appends the `y` of one placement; `runs` is scratch.
+fn push_border(
+    grid: &Grid,
+    turned: Extent,
+    placement: Placement,
+    wall: f32,
+    runs: &mut Vec<(u16, u16)>,
+    steps: &mut Vec<Step>,
+) {
+    let size = grid.size();
     let surface = grid.slots()[usize::from(placement.slot)].surface();
-    let (length, breadth) = (usize::from(turned.length), usize::from(turned.breadth));
-    let (i, j) = (usize::from(placement.i), usize::from(placement.j));
-    let height = |i: Option<usize>, j: Option<usize>| match (i, j) {
-        (Some(i), Some(j)) if i < usize::from(grid.size().length()) && j < usize::from(grid.size().breadth()) => {
-            f32::from(surface.row(i)[j]) / limit
-        }
-        _ => wall,
+    let (i, j) = (placement.i, placement.j);
+    let (i_end, j_end) = (i + turned.length, j + turned.breadth);
+    let mut walk = Walk {
+        limit: f32::from(size.height()),
+        border: 2 * (usize::from(turned.length) + usize::from(turned.breadth)),
+        walked: 0,
+        first: steps.len(),
+        steps,
     };
-    let border = 2 * (length + breadth);
-    let cell = |step: usize| {
-        if step < breadth {
-            height(i.checked_sub(1), Some(j + step))
-        } else if step < breadth + length {
-            height(Some(i + step - breadth), Some(j + breadth))
-        } else if step < 2 * breadth + length {
-            height(Some(i + length), Some(j + 2 * breadth + length - 1 - step))
-        } else {
-            height(Some(i + border - 1 - step), j.checked_sub(1))
-        }
-    };
-    let end = y.len() + Y_LEN;
-    if border <= Y_LEN {
-        y.extend((0..border).map(cell));
-        y.resize(end, 0.0);
+    if i == 0 {
+        walk.add(wall, turned.breadth);
     } else {
-        y.extend((0..Y_LEN).map(|sample| cell(sample * border / Y_LEN)));
+        walk.add_runs(surface.runs_along_j(i - 1, j..j_end));
+    }
+    if j_end == size.breadth() {
+        walk.add(wall, turned.length);
+    } else {
+        walk.add_runs(surface.runs_along_i(i..i_end, j_end));
+    }
+    if i_end == size.length() {
+        walk.add(wall, turned.breadth);
+    } else {
+        runs.clear();
+        runs.extend(surface.runs_along_j(i_end, j..j_end));
+        walk.add_runs(runs.iter().rev().copied());
+    }
+    if j == 0 {
+        walk.add(wall, turned.length);
+    } else {
+        runs.clear();
+        runs.extend(surface.runs_along_i(i..i_end, j - 1));
+        walk.add_runs(runs.iter().rev().copied());
+    }
+    if walk.border < Y_LEN {
+        walk.add(0.0, 1);
+    }
+}
+
+/// A walk along the border of one footprint.
+struct Walk<'a> {
+    limit: f32,
+    /// Cells of the border.
+    border: usize,
+    walked: usize,
+    /// The first of its steps.
+    first: usize,
+    steps: &'a mut Vec<Step>,
+}
+
+impl Walk<'_> {
+    fn add_runs(&mut self, runs: impl Iterator<Item = (u16, u16)>) {
+        runs.for_each(|(height, cells)| self.add(f32::from(height) / self.limit, cells));
+    }
+
+    /// Goes on by `cells` of one height.
+    fn add(&mut self, height: f32, cells: u16) {
+        // Of a border that is too long, the cells k*n/144 are kept: this is the first k that comes to this cell.
+        let from = if self.border <= Y_LEN { self.walked } else { (self.walked * Y_LEN).div_ceil(self.border) };
+        self.walked += usize::from(cells);
+        let last = self.steps.len().checked_sub(1).filter(|&last| last >= self.first).map(|last| self.steps[last]);
+        if from == Y_LEN || last.is_some_and(|last| last.height == height) {
+            return;
+        }
+        if last.is_some_and(|last| usize::from(last.from) == from) {
+            self.steps.pop();
+        }
+        self.steps.push(Step { from: from as u16, height });
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use packing::{BoxSpec, ContainerSize, WalleWeights, Yaw, corner_candidates};
     use proptest::prelude::*;
 
@@ -352,7 +521,7 @@ mod tests {
 
     prop_compose! {
         /// A grid of small containers with random boxes, and a box to come.
-        fn arb_case()(l in 1u16..14, b in 1u16..14, h in 1u16..8, slots in 1usize..5)(
+        pub(crate) fn arb_case()(l in 1u16..14, b in 1u16..14, h in 1u16..8, slots in 1usize..5)(
             drops in prop::collection::vec((0..slots, 1u32..7, 1u32..7, 1u32..4, 0..l, 0..b), 0..24),
             next in (1u32..14, 1u32..14, 1u32..8),
             size in Just(ContainerSize::new(l, b, h, 10).unwrap()),

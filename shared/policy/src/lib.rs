@@ -14,6 +14,7 @@ mod encoding;
 mod engine;
 mod evolution;
 mod fast;
+mod fused;
 mod lookahead;
 mod model;
 pub mod moves;

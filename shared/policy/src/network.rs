@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn both_engines_compute_the_moves_network() {
+    fn both_of_burns_engines_compute_the_moves_network() {
         let mut draw = Draw::new(0, 0, 1);
         let weights = Weights::untrained(Architecture::Moves, &mut draw);
         let numbers: Vec<f32> = weights.to_numbers().iter().map(|n| n + draw.unit() as f32 - 0.5).collect();
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(Weights::from_numbers(Architecture::Moves, &numbers[1..]), None);
         let moves: Vec<Features> = (0..7).map(|_| std::array::from_fn(|_| draw.unit() as f32)).collect();
         for name in Engine::NAMES {
-            let device = name.parse::<Engine>().unwrap().device();
+            let Some(device) = name.parse::<Engine>().unwrap().device() else { continue };
             let values = MovesNetwork::new(&weights, &device).unwrap().values(&moves, &device).unwrap();
             for (features, value) in moves.iter().zip(values) {
                 let expected = weights.value_of_move(features);
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn both_engines_compute_the_papers_network() {
+    fn both_of_burns_engines_compute_the_papers_network() {
         let mut draw = Draw::new(0, 0, 0);
         let mut weights = Weights::untrained(Architecture::Published, &mut draw);
         let mut layers = weights.layers().to_vec();
@@ -175,7 +175,7 @@ mod tests {
         weights = Weights::new(Architecture::Published, layers).unwrap();
         let batch = random_batch(5, &mut draw);
         for name in Engine::NAMES {
-            let device = name.parse::<Engine>().unwrap().device();
+            let Some(device) = name.parse::<Engine>().unwrap().device() else { continue };
             let network = Network::new(&weights, &device).unwrap();
             let values = network.values(&batch, &device).unwrap();
             for (row, &value) in values.iter().enumerate() {

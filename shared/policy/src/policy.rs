@@ -3,15 +3,13 @@
 use std::fmt;
 use std::str::FromStr;
 
-use burn::tensor::Device;
 use packing::{Candidate, Extent, Grid, Heuristic};
 
-use crate::encoding::{Batch, Encoder, Encoding};
-use crate::engine::Engine;
+use crate::encoding::Encoding;
+use crate::engine::{Engine, MovesScorer, PublishedScorer};
 use crate::lookahead::{self, Plan, UPCOMING_MAX, WIDTHS};
 use crate::model::{Model, ModelError, Scope};
 use crate::moves::{ContainerView, Features, features};
-use crate::network::{MovesNetwork, Network};
 
 /// How a policy comes to its choice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +36,7 @@ pub struct Policy {
     kind: PolicyKind,
     engine: Engine,
     scorer: Option<Scorer>,
+    values: Vec<f32>,
 }
 
 /// A model on its engine, with buffers.
@@ -45,15 +44,14 @@ pub struct Policy {
 struct Scorer {
     fingerprint: u64,
     scope: Scope,
-    device: Device,
     judge: Judge,
 }
 
 /// A network with what turns candidates into its input.
 #[derive(Debug)]
 enum Judge {
-    Published { network: Box<Network>, encoder: Encoder, batch: Batch },
-    Moves { network: Box<MovesNetwork>, moves: Vec<Features> },
+    Published(Box<PublishedScorer>),
+    Moves { network: MovesScorer, moves: Vec<Features> },
 }
 
 /// The chosen candidate.
@@ -122,7 +120,7 @@ impl Policy {
             let scorer = is_its_own.then(|| Scorer::new(engine, model)).flatten();
             Some(scorer.ok_or_else(|| PolicyError::OtherModel { kind, encoding: encoding.to_string() })?)
         };
-        Ok(Self { kind, engine, scorer })
+        Ok(Self { kind, engine, scorer, values: Vec::new() })
     }
 
     /// Its kind.
@@ -175,48 +173,46 @@ impl Policy {
             let greedy = |index| Choice::greedy(index, candidates[index].walle);
             return Ok(Heuristic::walle_choice(candidates).map(greedy));
         };
-        let values = scorer.values(grid, extent, candidates)?;
+        scorer.values(grid, extent, candidates, &mut self.values)?;
         if self.kind != PolicyKind::PackmanLookahead {
-            return best(&values);
+            return best(&self.values);
         }
         let candidates = scorer.scope.considered(candidates);
         let upcoming = upcoming.iter().take(UPCOMING_MAX);
         let extents = [extent].into_iter().chain(upcoming.copied()).collect();
-        let plan = lookahead::plan(grid, extents, candidates, &values, scorer, &WIDTHS, is_over)?;
+        let plan = lookahead::plan(grid, extents, candidates, &self.values, scorer, &WIDTHS, is_over)?;
         Ok(plan.map(|Plan { first, measure, depth, width }| Choice { index: first, value: measure, depth, width }))
     }
 }
 
 impl Scorer {
     fn new(engine: Engine, model: &Model) -> Option<Self> {
-        let device = engine.device();
         let judge = match model.card().encoding {
-            Encoding::Published(walls) => Judge::Published {
-                network: Box::new(Network::new(model.weights(), &device)?),
-                encoder: Encoder::new(walls),
-                batch: Batch::default(),
-            },
-            Encoding::Moves => {
-                Judge::Moves { network: Box::new(MovesNetwork::new(model.weights(), &device)?), moves: Vec::new() }
+            Encoding::Published(walls) => {
+                Judge::Published(Box::new(PublishedScorer::new(engine, walls, model.weights())?))
             }
+            Encoding::Moves => Judge::Moves { network: MovesScorer::new(engine, model.weights())?, moves: Vec::new() },
         };
-        Some(Self { fingerprint: model.fingerprint(), scope: model.card().scope, device, judge })
+        Some(Self { fingerprint: model.fingerprint(), scope: model.card().scope, judge })
     }
 
-    /// The values of the candidates that the model looks at, all finite.
-    fn values(&mut self, grid: &Grid, extent: Extent, candidates: &[Candidate]) -> Result<Vec<f32>, NotFinite> {
+    /// Writes the values of the candidates that the model looks at, all finite, into `values`.
+    fn values(
+        &mut self,
+        grid: &Grid,
+        extent: Extent,
+        candidates: &[Candidate],
+        values: &mut Vec<f32>,
+    ) -> Result<(), NotFinite> {
         let candidates = self.scope.considered(candidates);
-        let values = match &mut self.judge {
-            Judge::Published { network, encoder, batch } => {
-                encoder.encode(grid, extent, candidates, batch);
-                network.values(batch, &self.device)
-            }
+        let computed = match &mut self.judge {
+            Judge::Published(network) => network.values(grid, extent, candidates, values),
             Judge::Moves { network, moves } => {
                 describe(grid, extent, candidates, moves);
-                network.values(moves, &self.device)
+                network.values(moves, values)
             }
         };
-        finite(values)
+        all_finite(computed, values)
     }
 }
 
@@ -224,18 +220,20 @@ impl lookahead::Value for Scorer {
     type Error = NotFinite;
 
     fn values(&mut self, moves: &[Features]) -> Result<Vec<f32>, NotFinite> {
-        finite(match &self.judge {
-            Judge::Moves { network, .. } => network.values(moves, &self.device),
-            Judge::Published { .. } => None,
-        })
+        let mut values = Vec::with_capacity(moves.len());
+        let computed = match &self.judge {
+            Judge::Moves { network, .. } => network.values(moves, &mut values),
+            Judge::Published(_) => None,
+        };
+        all_finite(computed, &values).map(|()| values)
     }
 }
 
-/// The values if there are any and all are finite.
-fn finite(values: Option<Vec<f32>>) -> Result<Vec<f32>, NotFinite> {
-    let values = values.ok_or(NotFinite { candidate: 0 })?;
+/// Whether the values were computed and all are finite.
+fn all_finite(computed: Option<()>, values: &[f32]) -> Result<(), NotFinite> {
+    computed.ok_or(NotFinite { candidate: 0 })?;
     let bad = values.iter().position(|value| !value.is_finite());
-    bad.map_or(Ok(values), |candidate| Err(NotFinite { candidate }))
+    bad.map_or(Ok(()), |candidate| Err(NotFinite { candidate }))
 }
 
 /// Writes the features of every candidate; candidates of one container stand together.

@@ -22,6 +22,8 @@ pub(crate) struct Field {
     pub(crate) highest: u16,
     /// Smallest height [cells].
     pub(crate) lowest: u16,
+    /// Cells that have it.
+    pub(crate) at_lowest: u32,
 }
 
 /// The `L x (T*B)` grid of all containers side by side, pooled into 9 x 16 disjoint fields.
@@ -106,7 +108,8 @@ impl Pool {
                 // All cells under a base have the base's height, so each rises by the box's.
                 field.sum += covered * u32::from(turned.height);
                 field.highest = field.highest.max(top);
-                if field.lowest == placement.base {
+                // Unless the box covers all of the lowest cells, one of them stays.
+                if field.lowest == placement.base && field.at_lowest <= covered {
                     let around = [
                         (rows.start..covered_rows.start, columns.clone()),
                         (covered_rows.end..rows.end, columns.clone()),
@@ -133,11 +136,15 @@ impl Pool {
         if rows.is_empty() || columns.is_empty() {
             return Field::default();
         }
-        let mut field = Field { cells: (rows.len() * columns.len()) as u32, sum: 0, highest: 0, lowest: u16::MAX };
-        self.for_runs(grid, rows, columns, |run| {
-            field.sum += run.iter().map(|&height| u32::from(height)).sum::<u32>();
-            field.highest = run.iter().fold(field.highest, |highest, &height| highest.max(height));
-            field.lowest = run.iter().fold(field.lowest, |lowest, &height| lowest.min(height));
+        let cells = (rows.len() * columns.len()) as u32;
+        let mut field = Field { cells, sum: 0, highest: 0, lowest: u16::MAX, at_lowest: 0 };
+        self.for_runs(grid, rows, columns, |height, cells| {
+            field.sum += u32::from(height) * u32::from(cells);
+            field.highest = field.highest.max(height);
+            if height < field.lowest {
+                (field.lowest, field.at_lowest) = (height, 0);
+            }
+            field.at_lowest += if height == field.lowest { u32::from(cells) } else { 0 };
         });
         field
     }
@@ -145,21 +152,20 @@ impl Pool {
     /// The smallest height in an area, or the largest number if the area is empty.
     fn lowest(&self, grid: &Grid, rows: Range<usize>, columns: Range<usize>) -> u16 {
         let mut lowest = u16::MAX;
-        self.for_runs(grid, rows, columns, |run| {
-            lowest = run.iter().fold(lowest, |lowest, &height| lowest.min(height));
-        });
+        self.for_runs(grid, rows, columns, |height, _| lowest = lowest.min(height));
         lowest
     }
 
-    /// Calls `each` with the heights of an area of the long grid, a run within one row of one container at a time.
-    fn for_runs(&self, grid: &Grid, rows: Range<usize>, columns: Range<usize>, mut each: impl FnMut(&[u16])) {
+    /// Calls `each` with every run of equal heights in an area of the long grid: the height and how many cells have it.
+    fn for_runs(&self, grid: &Grid, rows: Range<usize>, columns: Range<usize>, mut each: impl FnMut(u16, u16)) {
         let mut start = columns.start;
         while start < columns.end {
             let slot = start / self.breadth;
             let end = columns.end.min((slot + 1) * self.breadth);
             let surface = grid.slots()[slot].surface();
+            let within = (start - slot * self.breadth) as u16..(end - slot * self.breadth) as u16;
             for row in rows.clone() {
-                each(&surface.row(row)[start - slot * self.breadth..end - slot * self.breadth]);
+                surface.runs_along_j(row as u16, within.clone()).for_each(|(height, cells)| each(height, cells));
             }
             start = end;
         }

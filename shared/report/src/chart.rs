@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use crate::escape;
 
-/// Colours that can be told apart with any colour vision (Okabe and Ito), in the order of the series.
-const COLOURS: [&str; 7] = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#8a8f98"];
+/// Colours that can be told apart with any colour vision (Okabe and Ito, and two more), in the order of the series.
+const COLOURS: [&str; 8] = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#8a8f98", "#5b3a8e"];
 
 /// About so many steps on an axis.
 const TICKS: f64 = 6.0;

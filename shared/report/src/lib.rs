@@ -10,6 +10,7 @@ mod escape;
 mod isometric;
 mod page;
 mod table;
+mod wide;
 
 pub use boxplot::{Spread, box_plot_groups, box_plots};
 pub use chart::standalone;
@@ -18,3 +19,4 @@ pub use escape::escape;
 pub use isometric::isometric;
 pub use page::Page;
 pub use table::Table;
+pub use wide::{Limit, Named, Scale, Timeline, percentile_curves, stack, timeline};

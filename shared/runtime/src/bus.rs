@@ -6,12 +6,16 @@
 //!   again (`HangsInCreation`): [`Bus`] removes such files and tries again.
 //! - A dead process's resources are cleaned up by the configuration it wrote down, or by the *global* one if it died
 //!   early: [`Bus::join`] makes the cell's configuration the global one, from a file in the cell's own directory.
+//! - A process killed between creating shared memory and giving it a size leaves an empty file, and whoever opens it,
+//!   be it to clean up, waits for ever: cleaning up is ours alone ([`Bus::clean_up_after_the_dead`]), after such files
+//!   are gone.
 //! - A writer waits for ever for a full, dead reader unless overflow is on: it is on everywhere, and
 //!   back-pressure is set to discard besides.
 //! - History is delivered by the *living* publisher, at its next message: [`Publisher::greet_newcomers`].
 //! - Full shared memory kills the process that touches the page: [`Bus::join`] refuses to start without room.
 //! - A timed wait ends at a kernel tick, up to 10 ms late, and one of less than a microsecond never: [`Bell::wait`]
 //!   polls the listener's socket instead, with the kernel's high-resolution timers.
+//! - Its node counter is writable for all users of the machine: [`Bus::join`] closes it.
 //! - The blackboard pattern stays locked after its writer was killed: it is not used.
 
 use std::fs;
@@ -42,7 +46,7 @@ use messages::topics::{
 };
 use rustix::event::{PollFd, PollFlags, Timespec};
 
-use crate::{BusConfig, StopSignal, monotonic_ns};
+use crate::{BusConfig, BusOwner, StopSignal, monotonic_ns};
 
 /// How long a process tries to join a topic before it gives up.
 const JOIN_PATIENCE: Duration = Duration::from_secs(5);
@@ -59,6 +63,9 @@ const NS_PER_S: u64 = 1_000_000_000;
 /// Age after which an unfinished service file belongs to nobody alive.
 const UNFINISHED_AGE: Duration = Duration::from_secs(2);
 
+/// Age after which shared memory without a size belongs to nobody alive: to give it one takes microseconds.
+const SIZELESS_AGE: Duration = Duration::from_millis(500);
+
 /// Where POSIX shared memory lives on Linux.
 const SHARED_MEMORY: &str = "/dev/shm";
 
@@ -72,6 +79,17 @@ pub enum BusError {
         path: PathBuf,
         /// What the operating system says.
         source: io::Error,
+    },
+    /// The bus belongs to another user.
+    #[error(
+        "the bus {path} belongs to the user {owner}, and all processes of a cell must be of one user: \
+         run this with 'sudo -u {owner}'"
+    )]
+    Foreign {
+        /// As configured.
+        path: PathBuf,
+        /// The name of its owner.
+        owner: String,
     },
     /// The bus's directory or prefix is no name that iceoryx2 takes.
     #[error(
@@ -134,6 +152,7 @@ pub enum BusError {
 pub struct Bus {
     node: Node<ipc::Service>,
     root_dir: PathBuf,
+    prefix: String,
     role: Role,
     publisher_id: u64,
     stop: StopSignal,
@@ -199,9 +218,17 @@ impl Bus {
         let settings = iceoryx_settings(config)?;
         let unusable = |source| BusError::RootDir { path: root_dir.clone(), source };
         fs::DirBuilder::new().recursive(true).mode(0o700).create(&root_dir).map_err(unusable)?;
+        BusOwner::require_me(config)?;
         check_shared_memory()?;
         let iceoryx = iceoryx_config(&root_dir, &settings)?;
         let stop = StopSignal::catch().map_err(BusError::Signals)?;
+        let patience_ends_ns = monotonic_ns() + JOIN_PATIENCE.as_nanos() as u64;
+        while !remove_sizeless_memory(Path::new(SHARED_MEMORY), &config.prefix, SIZELESS_AGE)
+            && monotonic_ns() < patience_ends_ns
+            && !stop.is_set()
+        {
+            thread::sleep(JOIN_PAUSE);
+        }
         let builder = NodeBuilder::new().config(&iceoryx).signal_handling_mode(SignalHandlingMode::Disabled);
         let node = builder.create::<ipc::Service>().map_err(|error| BusError::Iceoryx {
             action: "join",
@@ -209,9 +236,13 @@ impl Bus {
             root_dir: root_dir.clone(),
             reason: format!("{error:?}"),
         })?;
+        close_to_others(Path::new(SHARED_MEMORY), &config.prefix);
         // A process id is unique among the living, and no two processes with the same one start in one microsecond.
         let publisher_id = u64::from(std::process::id()) << 40 | (monotonic_ns() / 1000) & ((1 << 40) - 1);
-        Ok(Self { node, root_dir, role, publisher_id, stop })
+        let prefix = config.prefix.clone();
+        let bus = Self { node, root_dir, prefix, role, publisher_id, stop };
+        bus.clean_up_after_the_dead();
+        Ok(bus)
     }
 
     /// What this process is for.
@@ -226,9 +257,12 @@ impl Bus {
         self.stop.is_set()
     }
 
-    /// Removes what dead processes left on the bus. Takes milliseconds: never while a box waits.
+    /// Removes what dead processes left on the bus, unless one of them died so recently that it cannot be told from
+    /// one that is being born. Takes milliseconds: never while a box waits.
     pub fn clean_up_after_the_dead(&self) {
-        self.node.try_cleanup_dead_nodes();
+        if remove_sizeless_memory(Path::new(SHARED_MEMORY), &self.prefix, SIZELESS_AGE) {
+            self.node.try_cleanup_dead_nodes();
+        }
     }
 
     /// The right to publish on a topic.
@@ -365,7 +399,7 @@ impl Bus {
             if monotonic_ns() >= patience_ends_ns || self.stop.is_set() {
                 return Ok(None);
             }
-            self.node.try_cleanup_dead_nodes();
+            self.clean_up_after_the_dead();
             remove_unfinished_services(&self.root_dir.join("services"), UNFINISHED_AGE);
             thread::sleep(JOIN_PAUSE);
         }
@@ -497,7 +531,9 @@ fn iceoryx_settings(config: &BusConfig) -> Result<String, BusError> {
     Ok(format!(
         "# Written by packcell: how iceoryx2 programs reach this bus.\n\
          [global]\nroot-path = \"{root}/\"\nprefix = \"{prefix}\"\n\
-         [global.creation-timeout]\nsecs = 1\nnanos = 0\n"
+         [global.creation-timeout]\nsecs = 1\nnanos = 0\n\
+         [global.node]\ncleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n\
+         [global.service]\ncleanup-dead-nodes-on-open = false\n"
     ))
 }
 
@@ -514,6 +550,18 @@ fn iceoryx_config(root_dir: &Path, settings: &str) -> Result<IceoryxConfig, BusE
     let file = FilePath::new(path.as_os_str().as_encoded_bytes()).map_err(|error| invalid(&error))?;
     IceoryxConfig::setup_global_config_from_file(&file).map_err(|error| invalid(&error))?;
     IceoryxConfig::from_file(&file).map_err(|error| invalid(&error))
+}
+
+/// Takes from other users what iceoryx2 gives them: it makes its node counter readable and writable for everybody, and
+/// everything else for the owner alone.
+fn close_to_others(shared_memory: &Path, prefix: &str) {
+    for entry in fs::read_dir(shared_memory).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(prefix) && name.ends_with(".global_mgmt") {
+            let _another_user_s_is_not_ours = fs::set_permissions(entry.path(), fs::Permissions::from_mode(0o600));
+        }
+    }
 }
 
 fn check_shared_memory() -> Result<(), BusError> {
@@ -540,10 +588,31 @@ fn remove_unfinished_services(services: &Path, age: Duration) {
         let is_unfinished = state.is_file() && state.permissions().mode() & 0o200 != 0;
         let is_old = state.modified().ok().and_then(|time| time.elapsed().ok()).is_some_and(|elapsed| elapsed > age);
         if is_unfinished && is_old && entry.path().extension().is_some_and(|extension| extension == "service") {
-            tracing::warn!(file = %entry.path().display(), "removed what a killed process left half-created");
+            tracing::warn!("removed {}, which a killed process left half-created", entry.path().display());
             let _somebody_else_may_have_been_faster = fs::remove_file(entry.path());
         }
     }
+}
+
+/// Removes shared memory that its creator did not live to give a size, older than `age`; whether none is left.
+fn remove_sizeless_memory(dir: &Path, prefix: &str, age: Duration) -> bool {
+    let mut is_clean = true;
+    for entry in fs::read_dir(dir).into_iter().flatten().flatten() {
+        if !entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
+            continue;
+        }
+        let Ok(state) = entry.metadata() else { continue };
+        if !state.is_file() || state.len() > 0 {
+            continue;
+        }
+        if state.modified().ok().and_then(|time| time.elapsed().ok()).is_some_and(|elapsed| elapsed > age) {
+            tracing::warn!(file = %entry.path().display(), "removed what a killed process left half-created");
+            let _somebody_else_may_have_been_faster = fs::remove_file(entry.path());
+        } else {
+            is_clean = false;
+        }
+    }
+    is_clean
 }
 
 #[cfg(test)]
@@ -566,6 +635,21 @@ mod tests {
     }
 
     #[test]
+    fn the_node_counter_is_closed_to_others() {
+        let dir = tempfile::tempdir().unwrap();
+        let make = |name: &str| {
+            let path = dir.path().join(name);
+            fs::write(&path, "x").unwrap();
+            fs::set_permissions(&path, fs::Permissions::from_mode(0o666)).unwrap();
+            path
+        };
+        let (own, foreign) = (make("a_1_node.global_mgmt"), make("b_1_node.global_mgmt"));
+        close_to_others(dir.path(), "a_");
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        assert_eq!((mode(&own), mode(&foreign)), (0o600, 0o666));
+    }
+
+    #[test]
     fn only_old_unfinished_service_files_are_removed() {
         let dir = tempfile::tempdir().unwrap();
         let make = |name: &str, mode: u32| {
@@ -580,5 +664,20 @@ mod tests {
         assert!(unfinished.exists(), "a young one may still be finished");
         remove_unfinished_services(dir.path(), Duration::ZERO);
         assert!(!unfinished.exists() && finished.exists() && other.exists());
+    }
+
+    #[test]
+    fn only_old_memory_without_a_size_is_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        let make = |name: &str, bytes: &[u8]| {
+            let path = dir.path().join(name);
+            fs::write(&path, bytes).unwrap();
+            path
+        };
+        let (sizeless, whole, foreign) = (make("x_a", b""), make("x_b", b"b"), make("y_a", b""));
+        assert!(!remove_sizeless_memory(dir.path(), "x_", Duration::from_secs(3600)));
+        assert!(sizeless.exists(), "a young one may still be given a size");
+        assert!(remove_sizeless_memory(dir.path(), "x_", Duration::ZERO));
+        assert!(!sizeless.exists() && whole.exists() && foreign.exists());
     }
 }

@@ -1,5 +1,6 @@
 //! The one configuration file of a cell.
 
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::fs;
 use std::io;
@@ -302,9 +303,17 @@ pub enum ConfigError {
     ClosePolicy(String),
 }
 
+impl BusConfig {
+    /// The bus of the cell that the user `uid` keeps running without an installation.
+    #[must_use]
+    pub fn of_user(uid: u32) -> Self {
+        Self { root_dir: format!("/dev/shm/packcell-{uid}.bus").into(), prefix: format!("packcell{uid}_") }
+    }
+}
+
 impl Default for BusConfig {
     fn default() -> Self {
-        Self { root_dir: "/dev/shm/packcell.bus".into(), prefix: "packcell_".into() }
+        Self { root_dir: "/run/packcell/bus".into(), prefix: "packcell_".into() }
     }
 }
 
@@ -393,7 +402,7 @@ impl Default for CandidatesConfig {
 
 impl Default for ScorerConfig {
     fn default() -> Self {
-        let (policy, engine) = ("packman-lookahead".into(), "burn-flex".into());
+        let (policy, engine) = ("packman-lookahead".into(), "fused".into());
         Self { policy, model: PathBuf::new(), engine, think_us: 2000 }
     }
 }
@@ -449,6 +458,22 @@ impl Config {
     #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("plain sections of plain values are a TOML document")
+    }
+
+    /// The keys, as `section.key`, to which `other` gives another value.
+    #[must_use]
+    pub fn changed_keys(&self, other: &Self) -> Vec<String> {
+        let keys = |config: &Self| {
+            let table = toml::Table::try_from(config).expect("plain sections of plain values are a TOML document");
+            let sections = table.into_iter().filter_map(|(name, section)| Some((name, section.as_table()?.clone())));
+            sections
+                .flat_map(|(name, section)| {
+                    section.into_iter().map(move |(key, value)| (format!("{name}.{key}"), value))
+                })
+                .collect::<BTreeMap<_, _>>()
+        };
+        let other = keys(other);
+        keys(self).into_iter().filter(|(key, value)| other.get(key) != Some(value)).map(|(key, _)| key).collect()
     }
 
     /// The size of the containers.
@@ -626,6 +651,12 @@ mod tests {
     }
 
     #[test]
+    fn changed_keys_are_named() {
+        let changed = load("[commander]\nhard_deadline_ms = 31\n", &["scorer.model=x", "log.level=info"]).unwrap();
+        assert_eq!(Config::default().changed_keys(&changed), ["commander.hard_deadline_ms", "scorer.model"]);
+    }
+
+    #[test]
     fn mistakes_are_named() {
         refused("[commander]\nhard_dedline_ms = 30\n", &[], "unknown field `hard_dedline_ms`");
         refused("[comander]\n", &[], "unknown field `comander`");
@@ -647,5 +678,33 @@ mod tests {
         refused("[log]\nlevel = \"loud\"\n", &[], "unknown variant `loud`");
         let message = Config::load(Path::new("/nonexistent.toml"), &[]).unwrap_err().to_string();
         assert!(message.starts_with("cannot read the configuration /nonexistent.toml"), "{message}");
+    }
+
+    #[test]
+    fn every_truncation_and_every_flipped_byte_is_read_or_refused() {
+        let text = include_bytes!("../../../deploy/packcell.toml");
+        let settings = text.split(|&byte| byte == b'\n').filter(|line| !line.starts_with(b"#")).collect::<Vec<_>>();
+        let settings = settings.join(&b'\n');
+        for at in 0..settings.len() {
+            for flip in [1, 0x20, 0x80] {
+                let mut flipped = settings.clone();
+                flipped[at] ^= flip;
+                for bytes in [&flipped[..], &settings[..at]] {
+                    if let Ok(config) = toml::from_slice::<Config>(bytes) {
+                        let _ = config.overridden(&[]).map_err(|error| error.to_string());
+                    }
+                }
+            }
+        }
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn no_text_makes_the_reader_panic(text in ".{0,200}", key in "[a-z_.]{0,30}=.{0,20}") {
+            if let Ok(config) = toml::from_str::<Config>(&text) {
+                let _ = config.check();
+            }
+            let _ = Config::default().overridden(&[key]).map_err(|error| error.to_string());
+        }
     }
 }

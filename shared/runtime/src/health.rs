@@ -5,6 +5,7 @@ use std::fmt::Display;
 use messages::topics::{HEALTH, Role};
 use messages::{Counters, Health, NO_INSTANCE, Text};
 
+use crate::supervision::Supervision;
 use crate::{Bus, BusError, Publisher, monotonic_ns};
 
 /// How often a process says how it is [ns].
@@ -38,7 +39,7 @@ impl Tally {
         self.counters.refused += 1;
         let refusal = Text::new(&reason.to_string());
         if refusal != self.refusal {
-            tracing::warn!(%reason, refused = self.counters.refused, "refused a message");
+            tracing::warn!("refused a message: {reason} ({} refused so far)", self.counters.refused);
             self.refusal = refusal;
         }
     }
@@ -67,13 +68,18 @@ impl Tally {
         }
     }
 
+    /// Why a message was refused last; empty if none was.
+    pub(crate) fn refusal(&self) -> &str {
+        self.refusal.as_str()
+    }
+
     /// Counts a message on which the cell has moved on.
     pub fn pass_over(&mut self) {
         self.counters.stale += 1;
     }
 }
 
-/// Publishes a process's [`Health`] a few times a second.
+/// Publishes a process's [`Health`] a few times a second, and tells systemd that its loop works.
 #[derive(Debug)]
 pub struct Reporter {
     publisher: Publisher<Health>,
@@ -82,6 +88,7 @@ pub struct Reporter {
     instance: u32,
     ready_ns: u64,
     due_ns: u64,
+    supervision: Supervision,
 }
 
 impl Reporter {
@@ -91,8 +98,8 @@ impl Reporter {
     /// [`BusError`] if the topic cannot be joined.
     pub fn new(bus: &Bus, detail: &str) -> Result<Self, BusError> {
         let (publisher, now) = (bus.publisher(&HEALTH)?, monotonic_ns());
-        let (role, detail) = (bus.role(), Text::new(detail));
-        Ok(Self { publisher, role, detail, instance: NO_INSTANCE, ready_ns: now, due_ns: 0 })
+        let (role, detail, supervision) = (bus.role(), Text::new(detail), Supervision::default());
+        Ok(Self { publisher, role, detail, instance: NO_INSTANCE, ready_ns: now, due_ns: 0, supervision })
     }
 
     /// The same reporter, for the scorer instance of this number.
@@ -101,7 +108,8 @@ impl Reporter {
         Self { instance, ..self }
     }
 
-    /// Publishes a report if one is due.
+    /// Publishes a report if one is due. To be called in every pass of the process's loop, and nowhere else: it is
+    /// what tells a process that works from one that hangs.
     ///
     /// # Errors
     /// [`BusError`] if the bus failed.
@@ -117,6 +125,7 @@ impl Reporter {
             (health.instance, health.reserved) = (self.instance, 0);
             (health.detail, health.refusal, health.alarm) = (self.detail, tally.refusal, tally.alarm);
         })?;
+        self.supervision.is_working(self.detail.as_str(), tally, now);
         Ok(())
     }
 }

@@ -1,5 +1,5 @@
 //! What every process of the cell does besides its own work: join the bus, sleep until a bell rings, read the one
-//! configuration file, log, and say how it is. The only crate that names iceoryx2's ports.
+//! configuration file, log, and say how it is, to the cell and to systemd. The only crate that names iceoryx2's ports.
 //!
 //! What iceoryx2 0.10.0 does that one has to know is handled here, in [`Bus`], and nowhere else.
 
@@ -7,7 +7,12 @@ mod bus;
 mod clock;
 mod config;
 mod health;
+mod log;
+mod presence;
 mod process;
+mod reload;
+mod scheduling;
+mod supervision;
 
 pub use bus::{Bell, Bus, BusError, Latest, Publisher, Subscriber, shared_memory_bytes};
 pub use clock::{monotonic_ns, unix_ms};
@@ -17,4 +22,7 @@ pub use config::{
     WorldConfig,
 };
 pub use health::{Reporter, Tally};
-pub use process::{ServiceArgs, StopSignal, init_log};
+pub use log::init_log;
+pub use presence::{BusOwner, processes_on};
+pub use process::{ServiceArgs, StopSignal};
+pub use reload::ReloadSignal;

@@ -1,14 +1,15 @@
-//! A service as an operating-system process: its arguments, its log, its end.
+//! A service as an operating-system process: its arguments, its start, its end.
 
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rustix::process::{Signal, getppid, set_parent_process_death_signal};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 
-use crate::{Config, ConfigError, LogLevel};
+use crate::log::init_service_log;
+use crate::{Config, ConfigError, scheduling};
 
 /// The arguments that every service takes.
 #[derive(Clone, Debug, clap::Args)]
@@ -19,35 +20,31 @@ pub struct ServiceArgs {
     /// Overrides one key of the file, for example --set commander.hard_deadline_ms=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Stop when the process that started this one ends
-    #[arg(long)]
-    pub with_parent: bool,
+    /// Stop when the process with this id ends, which is the one that started this one
+    #[arg(long, value_name = "PID")]
+    pub with_parent: Option<i32>,
 }
 
 impl ServiceArgs {
-    /// Reads the configuration, starts the log and ties the process to its parent if it is to be.
+    /// Reads the configuration, starts the log, says what the kernel granted, and ties the process to its parent if
+    /// it is to be.
     ///
     /// # Errors
     /// [`ConfigError`] says which file or key is wrong, and how.
     pub fn load(&self) -> Result<Config, ConfigError> {
-        if self.with_parent {
-            let parent = getppid();
+        if let Some(parent) = self.with_parent {
             // Best effort: without it the cell's supervisor still stops what it started, unless it is killed.
             let _ = set_parent_process_death_signal(Some(Signal::TERM));
-            if getppid() != parent {
+            // If the parent ended before that, somebody else is the parent now.
+            if getppid().map(Pid::as_raw_pid) != Some(parent) {
                 let _ = rustix::process::kill_process(rustix::process::getpid(), Signal::TERM);
             }
         }
         let config = Config::load(&self.config, &self.overrides)?;
-        init_log(config.log.level);
+        init_service_log(config.log.level);
+        scheduling::settle();
         Ok(config)
     }
-}
-
-/// Starts the log: lines on stderr, which systemd's journal takes up. A second call changes nothing.
-pub fn init_log(level: LogLevel) {
-    let format = tracing_subscriber::fmt().with_writer(io::stderr).with_target(false);
-    let _the_first_caller_decides = format.with_max_level(level.filter()).try_init();
 }
 
 /// Whether SIGTERM or SIGINT asked the process to end.
@@ -64,6 +61,8 @@ impl StopSignal {
         for signal in [SIGTERM, SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&flag))?;
         }
+        // A file that reached the largest size allowed is an error that can be said, not a death.
+        signal_hook::flag::register(SIGXFSZ, Arc::default())?;
         Ok(Self(flag))
     }
 

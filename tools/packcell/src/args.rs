@@ -2,49 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use dataset::{DataSet, Named, ReadOptions};
 use packing::Split;
-use runtime::Config;
+use runtime::{BusConfig, Config, StateConfig};
+use rustix::process::geteuid;
 
-/// Which running cell is meant.
-#[derive(Debug, clap::Args)]
-pub(crate) struct RunningArgs {
-    /// The configuration of the cell; without it, the documented defaults
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Overrides one key of the configuration, for example --set bus.root_dir=/run/packcell
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    overrides: Vec<String>,
-}
+/// The configuration of the installed cell.
+pub(crate) const INSTALLED: &str = "/etc/packcell/packcell.toml";
 
-impl RunningArgs {
-    /// The configuration that the cell on the meant bus runs with, as far as it can be known.
-    pub(crate) fn config(&self) -> anyhow::Result<Config> {
-        let config = read_config(self.config.as_deref(), &self.overrides)?;
-        // 'packcell up' writes down there what it made of its own file and flags.
-        let of_running = config.bus.root_dir.join(CELL_FILE);
-        if self.config.is_none() && of_running.exists() {
-            return Ok(Config::load(&of_running, &self.overrides)?);
-        }
-        Ok(config)
-    }
-}
-
-/// What the processes of a cell are told, in the directory of its bus.
+/// What the processes of a cell are told that 'packcell up' started, in the directory of its bus.
 pub(crate) const CELL_FILE: &str = "cell.toml";
-
-fn read_config(file: Option<&Path>, overrides: &[String]) -> anyhow::Result<Config> {
-    Ok(match file {
-        Some(path) => Config::load(path, overrides)?,
-        None => Config::default().overridden(overrides)?,
-    })
-}
 
 /// What a cell packs, and how.
 #[derive(Debug, clap::Args)]
 pub(crate) struct CellArgs {
-    /// Configuration file; without it, the documented defaults
+    /// Configuration file; without it, the documented defaults on a bus of your own
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     #[arg(long, value_name = "FILE|NAME", help = data_help())]
@@ -72,7 +45,10 @@ pub(crate) struct CellArgs {
 impl CellArgs {
     /// The configuration that the file and the flags make.
     pub(crate) fn config(&self) -> anyhow::Result<Config> {
-        let mut config = read_config(self.config.as_deref(), &self.overrides)?;
+        let mut config = match &self.config {
+            Some(path) => Config::load(path, &self.overrides)?,
+            None => own_cell()?.overridden(&self.overrides)?,
+        };
         if let Some(data) = &self.data {
             config.perception.stream = if Path::new(data).extension().is_some() {
                 let path = std::path::absolute(data).with_context(|| format!("--data {data}"))?;
@@ -93,6 +69,11 @@ impl CellArgs {
         Ok(config)
     }
 
+    /// The configuration that the running cell on the meant bus has, as far as it can be known.
+    pub(crate) fn running_config(&self) -> anyhow::Result<Config> {
+        Ok(Config::load(&running_file(self.config.as_deref(), &self.overrides)?, &self.overrides)?)
+    }
+
     /// Whether a policy or a model was asked for.
     pub(crate) fn names_policy(&self) -> bool {
         self.policy.is_some() || self.model.is_some()
@@ -108,6 +89,58 @@ impl CellArgs {
         let overrides_pace = self.overrides.iter().any(|text| text.starts_with("perception.pace_ms"));
         self.pace.is_some() || self.config.is_some() || overrides_pace
     }
+}
+
+/// Which of the cells on this machine is meant.
+#[derive(Debug, clap::Args)]
+pub(crate) struct WhichCell {
+    /// The configuration of the cell; without it, the cell that you keep running with 'packcell up', or else the
+    /// installed one
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Overrides one key of the configuration, for example --set bus.root_dir=/dev/shm/two.bus
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    overrides: Vec<String>,
+}
+
+impl WhichCell {
+    /// Its configuration, as far as it can be known.
+    pub(crate) fn config(&self) -> anyhow::Result<Config> {
+        Ok(Config::load(&self.file()?, &self.overrides)?)
+    }
+
+    /// The file that holds it.
+    pub(crate) fn file(&self) -> anyhow::Result<PathBuf> {
+        running_file(self.config.as_deref(), &self.overrides)
+    }
+}
+
+/// The configuration file of the cell that is meant by these flags.
+fn running_file(file: Option<&Path>, overrides: &[String]) -> anyhow::Result<PathBuf> {
+    if let Some(path) = file {
+        return Ok(path.to_owned());
+    }
+    let own = own_cell()?.overridden(overrides)?.bus.root_dir.join(CELL_FILE);
+    if own.exists() {
+        return Ok(own);
+    }
+    let installed = PathBuf::from(INSTALLED);
+    if installed.exists() {
+        return Ok(installed);
+    }
+    bail!(
+        "no cell runs on the bus {}: start one with 'packcell up', or an installed one with \
+         'systemctl start packcell.target'",
+        own.parent().unwrap_or(&own).display()
+    )
+}
+
+/// The cell that a person runs without an installation: the documented defaults, with a bus and a state of this user.
+fn own_cell() -> anyhow::Result<Config> {
+    let home = std::env::home_dir().filter(|home| home.is_absolute());
+    let home = home.context("there is no home directory to keep a cell's state in: use --config FILE")?;
+    let state = StateConfig { dir: home.join(".local/state/packcell") };
+    Ok(Config { bus: BusConfig::of_user(geteuid().as_raw()), state, ..Config::default() })
 }
 
 fn data_help() -> String {

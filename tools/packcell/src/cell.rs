@@ -52,6 +52,14 @@ struct Service {
 impl Cell {
     /// Starts all processes on the configured bus, with these scorers, and returns when all are ready.
     pub(crate) fn start(config: &Config, scorers: &[Instance], bus: &Bus) -> anyhow::Result<Self> {
+        let mut cell = Self::start_without_perception(config, scorers, bus)?;
+        cell.add(Role::Perception, None)?;
+        cell.await_ready()?;
+        Ok(cell)
+    }
+
+    /// As [`Cell::start`], for a caller that is perception itself.
+    pub(crate) fn start_without_perception(config: &Config, scorers: &[Instance], bus: &Bus) -> anyhow::Result<Self> {
         let file = config.bus.root_dir.join(CELL_FILE);
         fs::write(&file, config.to_toml()).with_context(|| format!("cannot write {}", file.display()))?;
         let mut cell = Self { file, health: bus.subscriber(&HEALTH)?, services: Vec::new() };
@@ -61,8 +69,6 @@ impl Cell {
         for (role, instance) in others.into_iter().chain(scorers) {
             cell.add(role, instance)?;
         }
-        cell.await_ready()?;
-        cell.add(Role::Perception, None)?;
         cell.await_ready()?;
         Ok(cell)
     }
@@ -191,9 +197,10 @@ impl Service {
     }
 
     fn start(&mut self, config: &Path) -> anyhow::Result<()> {
-        let program = program_path(self.role)?;
+        let program = program_path(self.role.name())?;
         let mut command = Command::new(&program);
-        command.arg("--config").arg(config).arg("--with-parent").stdin(Stdio::null()).stdout(Stdio::null());
+        command.arg("--config").arg(config).arg("--with-parent").arg(std::process::id().to_string());
+        command.stdin(Stdio::null()).stdout(Stdio::null());
         if let Some(instance) = self.instance {
             command.arg("--instance").arg(instance.to_string());
         }
@@ -231,14 +238,15 @@ fn stop_all(services: &mut [Service]) -> anyhow::Result<()> {
     if failed.is_empty() { Ok(()) } else { bail!("not stopped cleanly: {}", failed.join(", ")) }
 }
 
-/// The program of a role lies beside this one.
-pub(crate) fn program_path(role: Role) -> anyhow::Result<PathBuf> {
+/// A program lies beside this one, or where the package installs it.
+pub(crate) fn program_path(name: &str) -> anyhow::Result<PathBuf> {
     let own = std::env::current_exe().context("cannot tell where packcell lies")?;
-    let path = own.with_file_name(role.name());
-    if path.exists() {
-        Ok(path)
+    let beside = own.with_file_name(name);
+    let installed = own.with_file_name("../lib/packcell").join(name);
+    if let Some(path) = [&beside, &installed].into_iter().find(|path| path.exists()) {
+        Ok(path.clone())
     } else {
-        bail!("{} is missing: build or install all programs of packcell together", path.display())
+        bail!("{} is missing: build or install all programs of packcell together", beside.display())
     }
 }
 

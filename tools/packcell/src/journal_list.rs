@@ -7,12 +7,12 @@ use comfy_table::{Table, presets};
 use journal::{Entry, Intent, Outcome, Record, Rest};
 use messages::{Action, ChosenBy, Instance, MotionOutcome};
 
-use crate::args::RunningArgs;
+use crate::args::WhichCell;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct JournalArgs {
     #[command(flatten)]
-    cell: RunningArgs,
+    which: WhichCell,
     /// The journal; without it, that of the cell's state directory
     #[arg(value_name = "FILE")]
     file: Option<PathBuf>,
@@ -27,7 +27,7 @@ pub(crate) struct JournalArgs {
 pub(crate) fn run(args: &JournalArgs) -> anyhow::Result<()> {
     let path = match &args.file {
         Some(path) => path.clone(),
-        None => args.cell.config()?.state.journal(),
+        None => args.which.config()?.state.journal(),
     };
     let contents = journal::read(&path).with_context(|| format!("cannot read the journal {}", path.display()))?;
     let skipped = if args.last == 0 { 0 } else { contents.entries.len().saturating_sub(args.last) };

@@ -8,9 +8,10 @@ use anyhow::bail;
 use comfy_table::{Table, presets};
 use messages::topics::{ACTIVE, BOXES, HEALTH, Role};
 use messages::{Health, Instance};
-use runtime::{Bus, monotonic_ns};
+use runtime::{Bus, monotonic_ns, processes_on};
 
-use crate::args::RunningArgs;
+use crate::args::WhichCell;
+use crate::owner::act_as_owner;
 
 /// How long to listen: every process speaks five times a second.
 const LISTEN_NS: u64 = 1_000_000_000;
@@ -18,14 +19,19 @@ const LISTEN_NS: u64 = 1_000_000_000;
 #[derive(Debug, clap::Args)]
 pub(crate) struct StatusArgs {
     #[command(flatten)]
-    cell: RunningArgs,
+    which: WhichCell,
 }
 
 pub(crate) fn run(args: &StatusArgs) -> anyhow::Result<()> {
-    let config = args.cell.config()?;
+    let config = args.which.config()?;
+    act_as_owner(&config.bus)?;
     let root_dir = &config.bus.root_dir;
-    if !root_dir.join("iceoryx2.toml").exists() {
-        bail!("no cell runs on the bus {}: start one with 'packcell up'", root_dir.display());
+    if processes_on(&config.bus)? == 0 {
+        bail!(
+            "no cell runs on the bus {}: start one with 'packcell up', or an installed one with \
+             'systemctl start packcell.target'",
+            root_dir.display()
+        );
     }
     let bus = Bus::join(&config.bus, Role::Tool)?;
     let health = bus.subscriber(&HEALTH)?;

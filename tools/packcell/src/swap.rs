@@ -6,7 +6,6 @@
 
 mod settings;
 mod shadow;
-mod supervisor;
 
 use std::path::PathBuf;
 use std::thread;
@@ -16,11 +15,11 @@ use anyhow::{Context as _, bail};
 use comfy_table::{Table, presets};
 use messages::topics::{ACTIVE, CANDIDATES, CONTROL, CYCLES, DECISIONS, HEALTH, Role};
 use messages::{Active, CandidateSet, Control, CycleReport, Decision, Health, Instance, Wish};
-use runtime::{Bus, Config, Latest, Publisher, ScorerConfig, Subscriber, monotonic_ns};
+use runtime::{Bus, Config, Latest, Publisher, ScorerConfig, Subscriber, monotonic_ns, processes_on};
 
-use crate::args::{CELL_FILE, RunningArgs};
+use crate::args::WhichCell;
+use crate::owner::act_as_owner;
 use shadow::{Answers, Shadow};
-use supervisor::Supervisor;
 
 /// How often the bus is looked at.
 const LOOK: Duration = Duration::from_millis(1);
@@ -43,7 +42,7 @@ const DRAIN_NS: u64 = 2_000_000_000;
 #[derive(Debug, clap::Args)]
 pub(crate) struct SwapArgs {
     #[command(flatten)]
-    cell: RunningArgs,
+    which: WhichCell,
     /// The new scorer's model file
     #[arg(long, value_name = "FILE", conflicts_with = "back")]
     model: Option<PathBuf>,
@@ -74,10 +73,10 @@ pub(crate) fn run(args: &SwapArgs) -> anyhow::Result<()> {
     if args.model.is_none() && args.policy.is_none() && !args.back {
         bail!("say what to swap in: --model FILE, --policy NAME, or --back");
     }
-    let config = args.cell.config()?;
-    let root_dir = &config.bus.root_dir;
-    if !root_dir.join("iceoryx2.toml").exists() {
-        bail!("no cell runs on the bus {}: start one with 'packcell up'", root_dir.display());
+    let config = args.which.config()?;
+    act_as_owner(&config.bus)?;
+    if processes_on(&config.bus)? == 0 {
+        bail!("no cell runs on the bus {}", config.bus.root_dir.display());
     }
     let mut swap = Swap::begin(args, &config)?;
     let shadow = match swap.compare(args) {
@@ -111,7 +110,6 @@ pub(crate) fn run(args: &SwapArgs) -> anyhow::Result<()> {
 struct Swap {
     config: Config,
     bus: Bus,
-    supervisor: Supervisor,
     controls: Publisher<Control>,
     health: Subscriber<Health>,
     said_active: Latest<Active>,
@@ -146,8 +144,6 @@ impl Swap {
         }
         let active = said_active.get().context("the commander does not say whom it obeys: has it stopped?")?;
         let active = Instance::from_wire(active.instance)?;
-        let (_, pid) = scorers.first().context("no scorer speaks: 'packcell status' shows what runs")?;
-        let supervisor = Supervisor::of(config, *pid)?;
         let is_free = |instance: &Instance| scorers.iter().all(|(taken, _)| taken != instance) && *instance != active;
         let newcomer = Instance::all().find(is_free).context("all scorer instances are in use")?;
         let mut swap = Self {
@@ -158,7 +154,6 @@ impl Swap {
             config: config.clone(),
             newcomer_pid: None,
             bus,
-            supervisor,
             controls,
             health,
             said_active,
@@ -194,14 +189,16 @@ impl Swap {
     fn start_newcomer(&mut self, args: &SwapArgs) -> anyhow::Result<()> {
         let (state, newcomer) = (&self.config.state, self.newcomer);
         settings::install(state, newcomer, self.wanted(args)?)?;
-        let of_cell = self.config.bus.root_dir.join(CELL_FILE);
-        let file = if of_cell.exists() { of_cell } else { PathBuf::from("/etc/packcell/packcell.toml") };
-        settings::check(&file, state, newcomer)?;
-        self.supervisor.start(newcomer, &mut self.controls)?;
+        settings::check(&args.which.file()?, state, newcomer)?;
+        // 'packcell up' hears the wish; systemd sees the instance's settings.
+        publish(&mut self.controls, Wish::Start, newcomer, 0)?;
         println!("scorer {newcomer} is started beside scorer {}", self.active);
         let until_ns = monotonic_ns() + READY_NS;
         while self.newcomer_pid.is_none() {
-            self.go_on(until_ns, "the new scorer is not ready in time")?;
+            self.go_on(
+                until_ns,
+                "the new scorer is not ready in time: does 'packcell up' or systemd keep this cell running?",
+            )?;
             while let Some(word) = self.health.receive()? {
                 if word.instance == newcomer.to_wire() {
                     self.newcomer_pid = Some(word.pid);
@@ -266,13 +263,14 @@ impl Swap {
 
     /// Stops the new scorer: the cell is as it was.
     fn withdraw(&mut self) -> anyhow::Result<()> {
-        self.stop(self.newcomer, self.newcomer_pid)?;
-        settings::remove(&self.config.state, self.newcomer)
+        // Its settings first: as long as they are there, systemd would start it again.
+        settings::remove(&self.config.state, self.newcomer)?;
+        self.stop(self.newcomer, self.newcomer_pid)
     }
 
     /// Has an instance stopped, and sees it end.
     fn stop(&mut self, instance: Instance, pid: Option<u32>) -> anyhow::Result<()> {
-        self.supervisor.retire(instance, &mut self.controls)?;
+        publish(&mut self.controls, Wish::Retire, instance, 0)?;
         let until_ns = monotonic_ns() + ANSWER_NS;
         while pid.is_some_and(|pid| PathBuf::from(format!("/proc/{pid}")).exists()) {
             if monotonic_ns() > until_ns {

@@ -9,7 +9,7 @@ use std::time::Duration;
 use anyhow::{Context as _, bail};
 use messages::topics::{CONTROL, Role};
 use messages::{Control, Instance, Wish};
-use runtime::{Bus, Config};
+use runtime::{Bus, Config, monotonic_ns};
 use rustix::fs::FlockOperation;
 
 use crate::args::{CellArgs, expected_boxes};
@@ -18,6 +18,9 @@ use crate::private_bus::remove_bus;
 
 /// How often the processes are looked after.
 const LOOK: Duration = Duration::from_millis(10);
+
+/// How often the dead are cleaned up after: the commander does it too, but it may be among them [ns].
+const CLEANING_NS: u64 = 1_000_000_000;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct UpArgs {
@@ -30,9 +33,6 @@ pub(crate) struct UpArgs {
 
 pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
     let mut config = args.cell.config()?;
-    if !args.cell.names_state() {
-        config.state.dir = own_state_dir()?;
-    }
     expected_boxes(&mut config)?;
     let (root_dir, prefix) = (config.bus.root_dir.clone(), config.bus.prefix.clone());
     fs::create_dir_all(&root_dir).with_context(|| format!("cannot create the bus {}", root_dir.display()))?;
@@ -67,7 +67,7 @@ fn keep_running(config: &Config) -> anyhow::Result<()> {
         "the cell runs; 'packcell status' shows it, Ctrl-C stops it; its state is in {}",
         config.state.dir.display()
     );
-    let mut restarts = 0;
+    let (mut restarts, mut cleaning_due_ns) = (0, 0);
     while !bus.is_stopping() {
         while let Some(control) = controls.receive()? {
             obey(&control, &mut cell)?;
@@ -77,6 +77,10 @@ fn keep_running(config: &Config) -> anyhow::Result<()> {
             restarts = cell.restarts();
             println!("{restarts} restart(s) so far");
         }
+        if monotonic_ns() >= cleaning_due_ns {
+            bus.clean_up_after_the_dead();
+            cleaning_due_ns = monotonic_ns() + CLEANING_NS;
+        }
         thread::sleep(LOOK);
     }
     cell.stop()?;
@@ -85,7 +89,7 @@ fn keep_running(config: &Config) -> anyhow::Result<()> {
 }
 
 /// What concerns whoever supervises the processes; the rest is for the commander.
-fn obey(control: &Control, cell: &mut Cell) -> anyhow::Result<()> {
+pub(crate) fn obey(control: &Control, cell: &mut Cell) -> anyhow::Result<()> {
     let wish = Wish::from_wire(control.wish).and_then(|wish| Ok((wish, Instance::from_wire(control.instance)?)));
     match wish {
         Ok((Wish::Start, instance)) => cell.start_scorer(instance),
@@ -112,13 +116,6 @@ fn scorers(config: &Config) -> anyhow::Result<Vec<Instance>> {
         scorers.push(active);
     }
     Ok(scorers)
-}
-
-/// Where the state of a cell is kept that a person starts by hand.
-fn own_state_dir() -> anyhow::Result<PathBuf> {
-    let home = std::env::home_dir().filter(|home| home.is_absolute());
-    let home = home.context("there is no home directory to keep the cell's state in: use --set state.dir=DIR")?;
-    Ok(home.join(".local/state/packcell"))
 }
 
 fn remove_if_there(path: &PathBuf) -> anyhow::Result<()> {

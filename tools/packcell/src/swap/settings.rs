@@ -53,7 +53,7 @@ pub(crate) fn remove(state: &StateConfig, instance: Instance) -> anyhow::Result<
 /// Lets the scorer's own program say whether an instance can run with its settings.
 pub(crate) fn check(config_file: &Path, state: &StateConfig, instance: Instance) -> anyhow::Result<()> {
     let state_dir = format!("state.dir={}", state.dir.display());
-    let output = Command::new(program_path(Role::Scorer)?)
+    let output = Command::new(program_path(Role::Scorer.name())?)
         .arg("--config")
         .arg(config_file)
         .args(["--set", &state_dir, "--check", "--instance", &instance.to_string()])

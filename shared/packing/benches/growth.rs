@@ -1,17 +1,21 @@
-//! What finer grid cells cost: the same half-full container at 1, 4 and 16 times the paper's 45 x 80 cells.
+//! What finer grid cells cost: the same half-full container at 1, 4 and 16 times the paper's 45 x 80 cells; and what
+//! more open containers cost.
 //!
-//! `cargo bench -p packing` prints the time of one box; with about linear cost it grows by 4 from row to row.
+//! `cargo bench --workspace --bench growth` prints the time of one box; with linear cost it grows by 4 from row to row.
 
 use divan::{Bencher, counter::ItemsCount};
 use packing::{
-    BoxSpec, ContainerOrder, ContainerSize, Extent, Grid, Heuristic, Placement, Recipe, Split, WalleWeights,
-    corner_candidates,
+    BoxSpec, CandidateFinder, ContainerOrder, ContainerSize, Extent, Grid, Heuristic, Placement, Recipe, Split,
+    WalleWeights, corner_candidates,
 };
 
 /// Grid cells along a side of the paper's, so that a container has its square times as many.
 const SIDES: [u16; 3] = [1, 2, 4];
 
-/// Boxes that stand in the container.
+/// Containers that are open.
+const CONTAINERS: [usize; 3] = [1, 4, 16];
+
+/// Boxes that stand in a container.
 const PLACED: usize = 20;
 
 /// Boxes that are asked about, so that one size does not decide.
@@ -80,5 +84,44 @@ fn placing_a_box(bencher: Bencher, side: u16) {
     bencher.with_inputs(|| grid.clone()).bench_values(|mut grid| {
         grid.place(&spec, place).expect("a feasible choice");
         grid
+    });
+}
+
+/// The containers of a cell, each half full, and a box to come.
+fn containers(count: usize) -> (Grid, BoxSpec) {
+    let (half_full, _) = scene(1);
+    let mut grid = Grid::new(ContainerSize::PAPER, count).expect("the paper's grid");
+    for slot in 0..count as u16 {
+        grid.update_slot(slot, u32::from(slot), PLACED as u32, 1, half_full.slots()[0].surface().heights());
+    }
+    (grid, BoxSpec::new(0, [150, 200, 50]).expect("a box within limits"))
+}
+
+/// Every open container is searched.
+#[divan::bench(args = CONTAINERS)]
+fn an_unexpected_box_among_containers(bencher: Bencher, count: usize) {
+    let ((grid, spec), mut candidates) = (containers(count), Vec::new());
+    bencher.bench_local(|| {
+        corner_candidates(&grid, spec.extent(10), &WalleWeights::PAPER, &mut candidates);
+        candidates.len()
+    });
+}
+
+/// One container changed since the box was expected: it is copied and searched, and no other.
+#[divan::bench(args = CONTAINERS)]
+fn an_expected_box_among_containers(bencher: Bencher, count: usize) {
+    let ((mut grid, spec), mut candidates) = (containers(count), Vec::new());
+    let mut finder = CandidateFinder::new(WalleWeights::PAPER, 9);
+    finder.expect(&grid, spec.extent(10));
+    let before = grid.slots()[0].surface().heights().to_vec();
+    let first = Heuristic::FirstFit.choose(&grid, spec.extent(10)).expect("room for the box");
+    grid.place(&spec, Placement { slot: 0, ..first }).expect("a feasible choice");
+    let states = [before, grid.slots()[0].surface().heights().to_vec()];
+    let mut revision = grid.revision();
+    bencher.bench_local(|| {
+        revision += 1;
+        grid.update_slot(0, 0, PLACED as u32, revision, &states[revision as usize % 2]);
+        finder.find(&grid, spec.extent(10), &mut candidates);
+        candidates.len()
     });
 }
