@@ -7,6 +7,7 @@
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
+use std::thread;
 
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::Value;
@@ -41,6 +42,7 @@ fn an_installed_cell_is_run_watched_upgraded_and_removed_under_systemd() {
     a_frozen_service_is_replaced(&machine);
     a_good_configuration_is_taken_over_and_a_bad_one_refused(&machine);
     a_scorer_is_swapped_and_stays_swapped(&machine);
+    a_swap_survives_a_restart_of_anybody(&machine);
     a_service_that_cannot_run_is_given_up_and_started_again_by_hand(&machine);
     real_time_is_given_and_read_back(&machine);
     an_upgrade_waits_to_be_finished(&machine, &next);
@@ -191,6 +193,33 @@ fn a_scorer_is_swapped_and_stays_swapped(machine: &Machine) {
     assert_eq!((state("a").as_str(), state("b").as_str()), ("active", "inactive"));
     let listed = machine.must(&["packcell", "journal", "--last", "0"]);
     assert!(listed.contains("scorer b is active") && listed.contains("scorer a is active"), "{listed}");
+}
+
+/// A restart in the middle: the new scorer has begun to answer beside the active one, and is not promoted yet.
+fn a_swap_survives_a_restart_of_anybody(machine: &Machine) {
+    let state = |instance: &str| property(machine, &format!("packcell-scorer@{instance}"), "ActiveState");
+    let [mut active, mut newcomer] = ["a", "b"];
+    for unit in ["packcell-commander", "packcell-candidates", "packcell-perception", "the active", "the new"] {
+        let unit = match unit {
+            "the active" => format!("packcell-scorer@{active}"),
+            "the new" => format!("packcell-scorer@{newcomer}"),
+            _ => unit.to_owned(),
+        };
+        let policy = if newcomer == "b" { "walle" } else { "packman" };
+        thread::scope(|scope| {
+            let swap = scope.spawn(|| machine.run(&["packcell", "swap", "--sets", "40", "--policy", policy]));
+            wait_until("the new scorer is ready", || (state(newcomer) == "active").then_some(()));
+            machine.must(&["systemctl", "restart", &unit]);
+            let said = swap.join().unwrap();
+            assert!(said.is_success, "restart of {unit}: {}{}", said.stdout, said.stderr);
+        });
+        let status = machine.must(&["packcell", "status"]);
+        assert!(status.contains(&format!("the active scorer: {newcomer}")), "restart of {unit}: {status}");
+        wait_until("the old scorer has ended", || (state(active) == "inactive").then_some(()));
+        await_packed_after(machine, monotonic_us());
+        (active, newcomer) = (newcomer, active);
+    }
+    machine.must(&["packcell", "swap", "--sets", "10", "--back"]);
 }
 
 fn a_service_that_cannot_run_is_given_up_and_started_again_by_hand(machine: &Machine) {
