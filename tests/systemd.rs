@@ -1,7 +1,7 @@
 //! The package on a machine of its own, used as an operator would use it.
 //!
 //! It needs root, namespaces and the package, so it is run by name only, as `.ci/run` does:
-//! `deploy/debian/build && cargo test --release --workspace --test cell -- --ignored systemd`.
+//! `deploy/debian/build && cargo test --release --workspace --test cell -- --ignored systemd::`.
 #![expect(clippy::print_stdout, reason = "the times are figures for whoever runs it, and no condition")]
 
 use std::fs;
@@ -301,7 +301,7 @@ fn removing_keeps_what_an_operator_made_and_purging_does_not(machine: &Machine) 
 }
 
 /// The package that `deploy/debian/build` made of the programs that are tested here.
-fn package() -> PathBuf {
+pub(crate) fn package() -> PathBuf {
     let own = program("packcell");
     let dir = own.ancestors().nth(2).unwrap().join("debian");
     let entries = fs::read_dir(&dir).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -326,7 +326,7 @@ fn make_next_version(package: &PathBuf, next: &PathBuf) {
 
 /// Edits the configuration as with a text editor.
 #[track_caller]
-fn edit(machine: &Machine, changes: &[(&str, &str)]) {
+pub(crate) fn edit(machine: &Machine, changes: &[(&str, &str)]) {
     let path = machine.path(CONFIG);
     let mut text = fs::read_to_string(&path).unwrap();
     for (old, new) in changes {
