@@ -105,6 +105,13 @@ impl Drop for Machine {
     }
 }
 
+#[test]
+#[ignore = "needs root and namespaces; .ci/run asks it whether the tests that boot a systemd can run"]
+fn a_machine_can_be_booted_here() {
+    let state = Machine::boot().run(&["systemctl", "is-active", "test.target"]);
+    assert_eq!(state.stdout, "active\n");
+}
+
 /// Removes a tree of cgroups, which holds files that cannot be removed and go with their directory.
 fn remove_tree(dir: &Path) -> std::io::Result<()> {
     for entry in fs::read_dir(dir)?.flatten() {

@@ -52,6 +52,8 @@ After=sysinit.target
 Wants=dbus.socket
 AllowIsolate=yes
 UNIT
+# A cell that this machine may have is none of that one's.
+rm -rf "$root/var/lib/packcell" "$root/etc/packcell"
 echo uninitialized > "$root/etc/machine-id"
 echo packcell-test > "$root/etc/hostname"
 # Containers are told by this file not to start services that are installed; this one is to.

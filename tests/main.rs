@@ -5,6 +5,7 @@
 
 mod coming_back;
 mod faults;
+mod hardening;
 mod harness;
 mod hostile;
 mod machine;

@@ -1,12 +1,13 @@
 //! The package on a machine of its own, used as an operator would use it.
 //!
 //! It needs root, namespaces and the package, so it is run by name only, as `.ci/run` does:
-//! `deploy/debian/build && cargo test --release --workspace --test cell -- --ignored systemd`.
+//! `deploy/debian/build && cargo test --release --workspace --test cell -- --ignored systemd::`.
 #![expect(clippy::print_stdout, reason = "the times are figures for whoever runs it, and no condition")]
 
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
+use std::thread;
 
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::Value;
@@ -41,6 +42,7 @@ fn an_installed_cell_is_run_watched_upgraded_and_removed_under_systemd() {
     a_frozen_service_is_replaced(&machine);
     a_good_configuration_is_taken_over_and_a_bad_one_refused(&machine);
     a_scorer_is_swapped_and_stays_swapped(&machine);
+    a_swap_survives_a_restart_of_anybody(&machine);
     a_service_that_cannot_run_is_given_up_and_started_again_by_hand(&machine);
     real_time_is_given_and_read_back(&machine);
     an_upgrade_waits_to_be_finished(&machine, &next);
@@ -193,6 +195,33 @@ fn a_scorer_is_swapped_and_stays_swapped(machine: &Machine) {
     assert!(listed.contains("scorer b is active") && listed.contains("scorer a is active"), "{listed}");
 }
 
+/// A restart in the middle: the new scorer has begun to answer beside the active one, and is not promoted yet.
+fn a_swap_survives_a_restart_of_anybody(machine: &Machine) {
+    let state = |instance: &str| property(machine, &format!("packcell-scorer@{instance}"), "ActiveState");
+    let [mut active, mut newcomer] = ["a", "b"];
+    for unit in ["packcell-commander", "packcell-candidates", "packcell-perception", "the active", "the new"] {
+        let unit = match unit {
+            "the active" => format!("packcell-scorer@{active}"),
+            "the new" => format!("packcell-scorer@{newcomer}"),
+            _ => unit.to_owned(),
+        };
+        let policy = if newcomer == "b" { "walle" } else { "packman" };
+        thread::scope(|scope| {
+            let swap = scope.spawn(|| machine.run(&["packcell", "swap", "--sets", "40", "--policy", policy]));
+            wait_until("the new scorer is ready", || (state(newcomer) == "active").then_some(()));
+            machine.must(&["systemctl", "restart", &unit]);
+            let said = swap.join().unwrap();
+            assert!(said.is_success, "restart of {unit}: {}{}", said.stdout, said.stderr);
+        });
+        let status = machine.must(&["packcell", "status"]);
+        assert!(status.contains(&format!("the active scorer: {newcomer}")), "restart of {unit}: {status}");
+        wait_until("the old scorer has ended", || (state(active) == "inactive").then_some(()));
+        await_packed_after(machine, monotonic_us());
+        (active, newcomer) = (newcomer, active);
+    }
+    machine.must(&["packcell", "swap", "--sets", "10", "--back"]);
+}
+
 fn a_service_that_cannot_run_is_given_up_and_started_again_by_hand(machine: &Machine) {
     edit(machine, &[("hard_deadline_ms = 25", "hard_deadline_ms = 0")]);
     machine.run(&["systemctl", "restart", "packcell-commander"]);
@@ -272,7 +301,7 @@ fn removing_keeps_what_an_operator_made_and_purging_does_not(machine: &Machine) 
 }
 
 /// The package that `deploy/debian/build` made of the programs that are tested here.
-fn package() -> PathBuf {
+pub(crate) fn package() -> PathBuf {
     let own = program("packcell");
     let dir = own.ancestors().nth(2).unwrap().join("debian");
     let entries = fs::read_dir(&dir).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -297,7 +326,7 @@ fn make_next_version(package: &PathBuf, next: &PathBuf) {
 
 /// Edits the configuration as with a text editor.
 #[track_caller]
-fn edit(machine: &Machine, changes: &[(&str, &str)]) {
+pub(crate) fn edit(machine: &Machine, changes: &[(&str, &str)]) {
     let path = machine.path(CONFIG);
     let mut text = fs::read_to_string(&path).unwrap();
     for (old, new) in changes {

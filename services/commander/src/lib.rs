@@ -15,8 +15,8 @@ mod order;
 use journal::{AppendError, Intent, Outcome, Record, State};
 use messages::topics::SCORERS_MAX;
 use messages::{
-    Action, Belief, BeltState, BoxQueue, CandidateSet, ChosenBy, Control, CycleReport, Decision, GridCopy, Malformed,
-    MotionOutcome, MotionReport, Stamps, Why, Wish,
+    Action, Belief, BeltState, BoxQueue, CANDIDATES_MAX, CandidateSet, ChosenBy, Control, CycleReport, Decision,
+    GridCopy, Malformed, MotionOutcome, MotionReport, Stamps, Why, Wish,
 };
 use packing::{
     BoxSpec, Candidate, ClosePolicy, Grid, Heuristic, PlaceError, Placement, WalleWeights, Yaw, corner_candidates,
@@ -178,7 +178,7 @@ impl Commander {
             grid: GridCopy::default(),
             present: None,
             pending: None,
-            candidates: Vec::new(),
+            candidates: Vec::with_capacity(CANDIDATES_MAX),
             next_order: state.next_order(),
             ordered: state.open().map(recovered),
             over: state

@@ -30,6 +30,7 @@ struct Args {
 fn main() -> anyhow::Result<()> {
     let args = Args::parse().service;
     let config = args.load()?;
+    let bus = Bus::join(&config.bus, Role::Commander)?;
     let (journal, found) = Journal::open(&config.state.journal(), config.commander.journal_mib << 20)?;
     match found {
         Found::Nothing | Found::Whole => info!(?found, "journal"),
@@ -39,7 +40,6 @@ fn main() -> anyhow::Result<()> {
     let mut commander =
         Commander::new(Deadlines::of(&config.commander), config.close_policy()?, &state, monotonic_ns());
 
-    let bus = Bus::join(&config.bus, Role::Commander)?;
     let mut reload = ReloadSignal::catch(args, config)?;
     let mut hands = Hands::new(&bus, journal)?;
     let mut ears = Ears::new(&bus)?;

@@ -11,9 +11,9 @@
 //! # The same value everywhere
 //!
 //! A value has the same bits on every machine: each sum is taken in one order whatever the vector width, because
-//! vectors lie across the units of a layer and never along a sum, and a product is rounded before it is added,
-//! because Rust fuses nothing by itself. So a cell with AVX-512 and a laptop without AVX choose alike, ties included.
-//! A value does not depend on the other candidates either.
+//! vectors lie across the units of a layer and never along a sum, and a product is added to it with one rounding, by
+//! the instruction where there is one and by [`product_added`] where there is none. So a cell with AVX-512 and a laptop
+//! without AVX choose alike, ties included. A value does not depend on the other candidates either.
 
 use crate::encoding::{Changes, Input, Y_LEN};
 use crate::weights::{Architecture, Weights};
@@ -83,15 +83,22 @@ struct Work {
 enum Width {
     /// What every machine of this architecture has.
     Least,
+    /// With fused products.
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
 }
 
 impl Width {
     /// The widths that this machine has, the widest last.
     fn available() -> impl Iterator<Item = Self> {
         #[cfg(target_arch = "x86_64")]
-        let wider = is_x86_feature_detected!("avx2").then_some(Self::Avx2);
+        let wider = {
+            let has_avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+            let has_avx512 = has_avx2 && is_x86_feature_detected!("avx512f");
+            [has_avx2.then_some(Self::Avx2), has_avx512.then_some(Self::Avx512)].into_iter().flatten()
+        };
         #[cfg(not(target_arch = "x86_64"))]
         let wider = None;
         std::iter::once(Self::Least).chain(wider)
@@ -110,22 +117,153 @@ impl Fused {
         let (layers, work) = (&self.layers, &mut self.work);
         work.make_room(changes);
         match self.width {
-            Width::Least => forward(layers, changes, work),
+            Width::Least => forward(layers, changes, work, Software),
             #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "the compiler cannot know which machine this will run on")]
-            // SAFETY: the machine has AVX2, or `Width::available` would not have given this width.
+            // SAFETY: the machine has AVX2 and FMA, or `Width::available` would not have given this width.
             Width::Avx2 => unsafe { forward_avx2(layers, changes, work) },
+            #[cfg(target_arch = "x86_64")]
+            #[expect(unsafe_code, reason = "the compiler cannot know which machine this will run on")]
+            // SAFETY: the machine has AVX-512F, AVX2 and FMA, or `Width::available` would not have given this width.
+            Width::Avx512 => unsafe { forward_avx512(layers, changes, work) },
         }
         &work.values[..changes.len()]
     }
 }
 
-/// As [`forward`], compiled for AVX2.
+/// As [`forward`], compiled for AVX2 with fused products.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,fma")]
 fn forward_avx2(layers: &Layers, changes: &Changes, work: &mut Work) {
-    forward(layers, changes, work);
+    forward(layers, changes, work, Fused32);
 }
+
+/// As [`forward_avx2`], with vectors twice as wide.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx2,fma")]
+fn forward_avx512(layers: &Layers, changes: &Changes, work: &mut Work) {
+    forward(layers, changes, work, Fused512(()));
+}
+
+/// What a machine does in one step.
+trait Arithmetic: Copy {
+    /// `a b + c`, rounded once.
+    fn fma(self, a: f32, b: f32, c: f32) -> f32;
+
+    /// The matrix product of some inputs with the second layer's weights: half of all the work.
+    #[inline(always)]
+    fn multiply(self, inputs: &[Row<UNITS>; BLOCK], weights: &[Row<UNITS>], outputs: &mut [Row<UNITS>; BLOCK]) {
+        *outputs = [Row([0.0; UNITS]); BLOCK];
+        add_product(inputs, weights, outputs, self);
+    }
+}
+
+/// No instruction for it, or none that is known of.
+#[derive(Clone, Copy)]
+struct Software;
+
+/// The instruction.
+#[cfg(target_arch = "x86_64")]
+#[derive(Clone, Copy)]
+struct Fused32;
+
+/// The instruction, and AVX-512 for the product. Only [`forward_avx512`] may make one.
+#[cfg(target_arch = "x86_64")]
+#[derive(Clone, Copy)]
+struct Fused512(());
+
+impl Arithmetic for Software {
+    #[inline(always)]
+    fn fma(self, a: f32, b: f32, c: f32) -> f32 {
+        product_added(a, b, c)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Arithmetic for Fused32 {
+    #[inline(always)]
+    fn fma(self, a: f32, b: f32, c: f32) -> f32 {
+        a.mul_add(b, c)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Arithmetic for Fused512 {
+    #[inline(always)]
+    fn fma(self, a: f32, b: f32, c: f32) -> f32 {
+        a.mul_add(b, c)
+    }
+
+    #[inline(always)]
+    fn multiply(self, inputs: &[Row<UNITS>; BLOCK], weights: &[Row<UNITS>], outputs: &mut [Row<UNITS>; BLOCK]) {
+        #[expect(unsafe_code, reason = "the compiler cannot know which machine this will run on")]
+        // SAFETY: there is a `Fused512` only where there is AVX-512F.
+        unsafe {
+            multiply_avx512(inputs, weights, outputs);
+        }
+    }
+}
+
+/// [`Arithmetic::multiply`] with vectors of 16, by hand: the compiler does not keep sums of that size in registers. Three
+/// vectors of eight candidates are 24 of its 32.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+fn multiply_avx512(inputs: &[Row<UNITS>; BLOCK], weights: &[Row<UNITS>], outputs: &mut [Row<UNITS>; BLOCK]) {
+    use std::arch::x86_64::{_mm512_fmadd_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps};
+    const WIDE: usize = 16;
+    const VECTORS: usize = 3;
+    for first in (0..UNITS).step_by(VECTORS * WIDE) {
+        let mut sums = [[_mm512_setzero_ps(); VECTORS]; BLOCK];
+        for (k, weights) in weights.iter().enumerate() {
+            let (weights, _) = weights.0[first..].as_chunks::<WIDE>();
+            let weights: [_; VECTORS] = std::array::from_fn(|vector| {
+                #[expect(unsafe_code, reason = "vectors are loaded from memory by address")]
+                // SAFETY: 16 numbers lie there.
+                unsafe {
+                    _mm512_loadu_ps(weights[vector].as_ptr())
+                }
+            });
+            for (sums, input) in sums.iter_mut().zip(inputs) {
+                let factor = _mm512_set1_ps(input.0[k]);
+                for (sum, weights) in sums.iter_mut().zip(weights) {
+                    *sum = _mm512_fmadd_ps(factor, weights, *sum);
+                }
+            }
+        }
+        for (output, sums) in outputs.iter_mut().zip(sums) {
+            let (output, _) = output.0[first..].as_chunks_mut::<WIDE>();
+            for (output, sum) in output.iter_mut().zip(sums) {
+                #[expect(unsafe_code, reason = "vectors are stored in memory by address")]
+                // SAFETY: there is room for 16 numbers.
+                unsafe {
+                    _mm512_storeu_ps(output.as_mut_ptr(), sum);
+                }
+            }
+        }
+    }
+}
+
+/// `a b + c`, rounded once, as [`f32::mul_add`]: on a machine without the instruction this is many times quicker.
+///
+/// The product is exact in the wider type. If the sum is not, its last bit is made odd, so that it lies on the right side
+/// of whatever the result is rounded at (Boldo and Melquiond, "Emulation of FMA and correctly rounded sums", 2008).
+#[cfg(not(target_arch = "aarch64"))]
+#[inline(always)]
+fn product_added(a: f32, b: f32, c: f32) -> f32 {
+    let (product, c) = (f64::from(a) * f64::from(b), f64::from(c));
+    let sum = product + c;
+    let of_c = sum - product;
+    let error = (product - (sum - of_c)) + (c - of_c);
+    let bits = sum.to_bits();
+    let is_rounded = error.abs() > 0.0;
+    let away = if (error > 0.0) == (sum > 0.0) { 1 } else { u64::MAX };
+    let odd = if is_rounded && bits & 1 == 0 { bits.wrapping_add(away) } else { bits };
+    f64::from_bits(odd) as f32
+}
+
+/// Every machine of this architecture has the instruction.
+#[cfg(target_arch = "aarch64")]
+use f32::mul_add as product_added;
 
 impl Layers {
     fn new(weights: &Weights) -> Option<Self> {
@@ -190,70 +328,77 @@ impl Work {
 
 /// The whole network.
 #[inline(always)]
-fn forward(layers: &Layers, changes: &Changes, work: &mut Work) {
+fn forward(layers: &Layers, changes: &Changes, work: &mut Work, machine: impl Arithmetic) {
     let present = changes.present();
     let mut before = layers.grid_bias;
-    add_rows(&mut before, present.iter().copied().zip(&layers.grid));
+    add_rows(&mut before, present.iter().copied().zip(&layers.grid), machine);
     for (units, inputs) in work.hidden.iter_mut().zip(changes.futures()) {
         *units = before;
         let difference = |input: &Input| input.value - present[usize::from(input.index)];
-        add_rows(units, inputs.iter().map(|input| (difference(input), &layers.grid[usize::from(input.index)])));
-        tanh_all(&mut units.0);
+        let terms = inputs.iter().map(|input| (difference(input), &layers.grid[usize::from(input.index)]));
+        add_rows(units, terms, machine);
+        tanh_all(&mut units.0, machine);
     }
-    let nothing = Row([0.0; UNITS]);
     let blocks = work.hidden.as_chunks::<BLOCK>().0.iter().zip(work.shared.as_chunks_mut().0);
     for (hidden, shared) in blocks.take(changes.futures().len().div_ceil(BLOCK)) {
-        multiply(hidden, &layers.place, &nothing, shared);
+        machine.multiply(hidden, &layers.place, shared);
     }
     for (units, (future, steps, field)) in work.place.iter_mut().zip(changes.places()) {
         *units = work.shared[future];
         let heights = steps.iter().map(|step| step.height);
         let rises = std::iter::once(0.0).chain(heights.clone()).zip(heights).map(|(below, height)| height - below);
         let border = rises.zip(steps.iter().map(|step| &layers.border[usize::from(step.from)]));
-        add_rows(units, std::iter::once((1.0, &layers.fields[field])).chain(border));
-        tanh_all(&mut units.0);
+        add_rows(units, std::iter::once((1.0, &layers.fields[field])).chain(border), machine);
+        tanh_all(&mut units.0, machine);
     }
     let blocks = work.place.as_chunks::<BLOCK>().0.iter().zip(work.third.as_chunks_mut().0);
     for ((place, third), values) in blocks.zip(work.values.as_chunks_mut().0).take(changes.len().div_ceil(BLOCK)) {
-        multiply(place, &layers.third, &layers.third_bias, third);
-        third.iter_mut().for_each(|units| tanh_all(&mut units.0));
-        last_layers(layers, third, values);
+        *third = [layers.third_bias; BLOCK];
+        add_product(place, &layers.third, third, machine);
+        third.iter_mut().for_each(|units| tanh_all(&mut units.0, machine));
+        last_layers(layers, third, values, machine);
     }
 }
 
 /// Adds rows, each with its factor, one after another.
 #[inline(always)]
-fn add_rows<'a>(units: &mut Row<UNITS>, terms: impl Iterator<Item = (f32, &'a Row<UNITS>)> + Clone) {
+fn add_rows<'a>(
+    units: &mut Row<UNITS>,
+    terms: impl Iterator<Item = (f32, &'a Row<UNITS>)> + Clone,
+    machine: impl Arithmetic,
+) {
     for first in (0..UNITS).step_by(SPAN) {
         let mut sums = [0.0; SPAN];
         sums.copy_from_slice(&units.0[first..first + SPAN]);
         for (factor, row) in terms.clone() {
             for (sum, weight) in sums.iter_mut().zip(&row.0[first..first + SPAN]) {
-                *sum += factor * weight;
+                *sum = machine.fma(factor, *weight, *sum);
             }
         }
         units.0[first..first + SPAN].copy_from_slice(&sums);
     }
 }
 
-/// The matrix product of some inputs with the weights, plus the bias.
+/// Adds the matrix product of some inputs with the weights.
 #[inline(always)]
-fn multiply<const N: usize>(
+fn add_product<const N: usize>(
     inputs: &[Row<UNITS>; BLOCK],
     weights: &[Row<N>],
-    bias: &Row<N>,
     outputs: &mut [Row<N>; BLOCK],
+    machine: impl Arithmetic,
 ) {
     for first in (0..N).step_by(LANES) {
         let mut sums = [[0.0; LANES]; BLOCK];
-        sums.iter_mut().for_each(|sums| sums.copy_from_slice(&bias.0[first..first + LANES]));
+        for (sums, output) in sums.iter_mut().zip(&*outputs) {
+            sums.copy_from_slice(&output.0[first..first + LANES]);
+        }
         for (k, weights) in (0..UNITS).zip(weights) {
             let mut lanes = [0.0; LANES];
             lanes.copy_from_slice(&weights.0[first..first + LANES]);
             for (sums, input) in sums.iter_mut().zip(inputs) {
                 let factor = input.0[k];
                 for (sum, weight) in sums.iter_mut().zip(lanes) {
-                    *sum += factor * weight;
+                    *sum = machine.fma(factor, weight, *sum);
                 }
             }
         }
@@ -265,34 +410,36 @@ fn multiply<const N: usize>(
 
 /// From the third layer's units to values. The candidates take turns, since each sum waits for itself.
 #[inline(always)]
-fn last_layers(layers: &Layers, third: &[Row<THIRD>; BLOCK], values: &mut [f32; BLOCK]) {
+fn last_layers(layers: &Layers, third: &[Row<THIRD>; BLOCK], values: &mut [f32; BLOCK], machine: impl Arithmetic) {
     let mut fourth = [layers.fourth_bias; BLOCK];
     for (k, weights) in layers.fourth.iter().enumerate() {
         for (units, third) in fourth.iter_mut().zip(third) {
-            units.iter_mut().zip(weights).for_each(|(unit, weight)| *unit += third.0[k] * weight);
+            units.iter_mut().zip(weights).for_each(|(unit, &weight)| *unit = machine.fma(third.0[k], weight, *unit));
         }
     }
-    tanh_all(fourth.as_flattened_mut());
+    tanh_all(fourth.as_flattened_mut(), machine);
     for (value, units) in values.iter_mut().zip(fourth) {
-        let terms = units.iter().zip(&layers.value).map(|(unit, weight)| unit * weight);
-        *value = terms.fold(layers.value_bias, |sum, term| sum + term);
+        let terms = units.iter().zip(&layers.value);
+        *value = terms.fold(layers.value_bias, |sum, (&unit, &weight)| machine.fma(unit, weight, sum));
     }
 }
 
 #[inline(always)]
-fn tanh_all(units: &mut [f32]) {
-    units.iter_mut().for_each(|unit| *unit = tanh(*unit));
+fn tanh_all(units: &mut [f32], machine: impl Arithmetic) {
+    units.iter_mut().for_each(|unit| *unit = tanh(*unit, machine));
 }
 
 /// The quotient `x P(x^2) / Q(x^2)` that differs least from tanh up to 9, where tanh is 1 in this precision. What is
 /// not a number stays so.
 #[inline(always)]
-fn tanh(x: f32) -> f32 {
+fn tanh(x: f32, machine: impl Arithmetic) -> f32 {
     let x = x.clamp(-9.0, 9.0);
     let s = x * x;
-    let p = (((1.318_763e-8 * s + 2.047_469_4e-5) * s + 3.486_775_3e-3) * s + 0.133_733_67) * s + 0.999_999_9;
-    let q = (((7.704_174_4e-7 * s + 3.271_687_6e-4) * s + 2.584_273_7e-2) * s + 0.467_066_65) * s + 1.0;
-    x * p / q
+    let fma = |a, b, c| machine.fma(a, b, c);
+    let polynomial = |[a, b, c, d, e]: [f32; 5]| fma(fma(fma(fma(a, s, b), s, c), s, d), s, e);
+    let p = [1.318_763e-8, 2.047_469_4e-5, 3.486_775_3e-3, 0.133_733_67, 0.999_999_9];
+    let q = [7.704_174_4e-7, 3.271_687_6e-4, 2.584_273_7e-2, 0.467_066_65, 1.0];
+    x * polynomial(p) / polynomial(q)
 }
 
 #[cfg(test)]
@@ -312,11 +459,33 @@ mod tests {
         // Every 101st positive number up to 20, then the ends.
         let steps = (0..20.0f32.to_bits()).step_by(101).map(f32::from_bits);
         for x in steps.chain([f32::MAX, f32::INFINITY]) {
-            worst = worst.max((f64::from(tanh(x)) - f64::from(x).tanh()).abs());
-            assert_eq!(tanh(-x), -tanh(x));
+            worst = worst.max((f64::from(tanh(x, Software)) - f64::from(x).tanh()).abs());
+            assert_eq!(tanh(-x, Software), -tanh(x, Software));
         }
         assert!(worst < 4e-7, "{worst:e}");
-        assert!(tanh(f32::NAN).is_nan());
+        assert!(tanh(f32::NAN, Software).is_nan());
+    }
+
+    /// Nearly the middle between two numbers, where the second rounding would go wrong, and the ends of the range.
+    #[test]
+    fn a_product_is_added_with_one_rounding() {
+        let one_and_a_bit = 1.0 + f32::EPSILON;
+        let half_a_bit = f32::EPSILON / 2.0;
+        for [a, b, c] in [
+            [one_and_a_bit, 1.0 - half_a_bit, half_a_bit],
+            [half_a_bit, 1.0 + 4.0 * f32::EPSILON, one_and_a_bit],
+            [half_a_bit, 1.0 - half_a_bit, one_and_a_bit],
+            [-half_a_bit, one_and_a_bit, one_and_a_bit],
+            [1.0e-30, 1.0e-30, 1.0],
+            [1.0e-30, -1.0e-30, 1.0 + f32::EPSILON],
+            [f32::MAX, 2.0, -f32::MAX],
+            [f32::MAX, f32::MAX, f32::MIN],
+            [f32::INFINITY, 0.0, 1.0],
+            [1.0, 1.0, f32::NEG_INFINITY],
+            [3.0, -2.0, 6.0],
+        ] {
+            assert_eq!(product_added(a, b, c).to_bits(), a.mul_add(b, c).to_bits(), "{a:e} * {b:e} + {c:e}");
+        }
     }
 
     /// An untrained network with biases, or one whose weights are as large as a long training makes them.
@@ -335,6 +504,16 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn products_are_added_as_the_instruction_does(a in any::<f32>(), b in any::<f32>(), near in any::<i8>(), far in any::<f32>()) {
+            // Cancellation to some digits, and anything.
+            let c = -(a * b) * (1.0 + f32::from(near) * f32::EPSILON);
+            for c in [c, far] {
+                let (ours, theirs) = (product_added(a, b, c), a.mul_add(b, c));
+                prop_assert!(ours.to_bits() == theirs.to_bits() || ours.is_nan() && theirs.is_nan(), "{} {}", ours, theirs);
+            }
+        }
+
         #[test]
         fn values_are_burns_and_the_same_bits_at_every_width(
             (grid, spec) in arb_case(),

@@ -268,13 +268,24 @@ impl Swap {
         self.stop(self.newcomer, self.newcomer_pid)
     }
 
-    /// Has an instance stopped, and sees it end.
+    /// Has an instance stopped, and sees it end: the process that is known, and any that systemd or `packcell up` put in
+    /// its place meanwhile.
     fn stop(&mut self, instance: Instance, pid: Option<u32>) -> anyhow::Result<()> {
-        publish(&mut self.controls, Wish::Retire, instance, 0)?;
-        let until_ns = monotonic_ns() + ANSWER_NS;
-        while pid.is_some_and(|pid| PathBuf::from(format!("/proc/{pid}")).exists()) {
-            if monotonic_ns() > until_ns {
+        let begun_ns = monotonic_ns();
+        let (mut pid, mut heard_ns, mut repeat_ns) = (pid, begun_ns, begun_ns);
+        let is_running = |pid: Option<u32>| pid.is_some_and(|pid| PathBuf::from(format!("/proc/{pid}")).exists());
+        while is_running(pid) || monotonic_ns() < heard_ns + CENSUS_NS {
+            if monotonic_ns() > begun_ns + ANSWER_NS {
                 bail!("scorer {instance} does not stop; the cell packs on");
+            }
+            if monotonic_ns() >= repeat_ns {
+                publish(&mut self.controls, Wish::Retire, instance, 0)?;
+                repeat_ns = monotonic_ns() + REPEAT_NS;
+            }
+            while let Some(word) = self.health.receive()? {
+                if word.instance == instance.to_wire() {
+                    (pid, heard_ns) = (Some(word.pid), monotonic_ns());
+                }
             }
             thread::sleep(LOOK);
         }

@@ -89,6 +89,9 @@ pub(crate) struct ProcessFigures {
     /// Share of the time that it was ready to run and did not, in its last life.
     pub(crate) waited_share: f64,
     pub(crate) forced_switches: u64,
+    /// Pages that the kernel had to find for it after warm-up, in its last life.
+    pub(crate) page_faults: u64,
+    /// Those of all its last life that waited for a disk.
     pub(crate) major_faults: u64,
 }
 
@@ -213,6 +216,8 @@ impl Watched {
             cpu_us_per_box: self.cpu_us as f64 / boxes.max(1) as f64,
             waited_share: last.waited_ns.saturating_sub(first.waited_ns) as f64 / lived_ns as f64,
             forced_switches: last.forced_switches,
+            page_faults: (last.minor_faults + last.major_faults)
+                .saturating_sub(start.minor_faults + start.major_faults),
             major_faults: last.major_faults,
         }
     }

@@ -203,7 +203,7 @@ pub(crate) fn fault_rows(figures: &Figures) -> impl Iterator<Item = [String; 7]>
 }
 
 /// The columns of the table of processes.
-pub(crate) const PROCESS_COLUMNS: [&str; 10] = [
+pub(crate) const PROCESS_COLUMNS: [&str; 11] = [
     "process",
     "restarts",
     "refused",
@@ -213,10 +213,11 @@ pub(crate) const PROCESS_COLUMNS: [&str; 10] = [
     "shared [MiB]",
     "CPU a box [us]",
     "waited for a CPU",
-    "major faults",
+    "page faults after warm-up",
+    "of a disk",
 ];
 
-pub(crate) fn process_rows(figures: &Figures) -> impl Iterator<Item = [String; 10]> {
+pub(crate) fn process_rows(figures: &Figures) -> impl Iterator<Item = [String; 11]> {
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     figures.processes.iter().map(move |process| {
         [
@@ -229,6 +230,7 @@ pub(crate) fn process_rows(figures: &Figures) -> impl Iterator<Item = [String; 1
             format!("{:.2}", mib(process.shm_bytes)),
             format!("{:.0}", process.cpu_us_per_box),
             format!("{:.1} %", 100.0 * process.waited_share),
+            process.page_faults.to_string(),
             process.major_faults.to_string(),
         ]
     })
