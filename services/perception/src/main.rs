@@ -67,7 +67,7 @@ fn main() -> anyhow::Result<()> {
             for said in say.drain(..) {
                 match said {
                     Say::Motion(report) => motions.publish(0, |motion| *motion = report)?,
-                    Say::Belief => beliefs.publish(0, |belief| belief.write(perception.grid()))?,
+                    Say::Belief => beliefs.publish(0, |belief| belief.update(perception.grid()))?,
                     Say::Boxes(observed_ns) => queues.publish(observed_ns, |queue| perception.write_boxes(queue))?,
                 };
             }

@@ -82,7 +82,7 @@ pub fn box_plot_groups(axis: &str, names: &[&str], groups: &[(&str, Vec<Vec<f64>
     let width_px = (LEFT_PX + RIGHT_PX + group_px * groups.len() as f64).max(WIDTH_PX);
     let mut svg = open_svg(width_px, HEIGHT_PX, axis);
     scale.push_vertical(&mut svg, axis, LEFT_PX, width_px - RIGHT_PX);
-    push_legend(&mut svg, names.iter().copied(), LEFT_PX, TOP_PX + 8.0);
+    push_legend(&mut svg, names.iter().copied().enumerate(), LEFT_PX, TOP_PX + 8.0);
     let group_px = (width_px - LEFT_PX - RIGHT_PX) / groups.len().max(1) as f64;
     for (index, (group, series)) in groups.iter().enumerate() {
         let middle = LEFT_PX + (index as f64 + 0.5) * group_px;

@@ -111,10 +111,15 @@ impl Axis {
     }
 }
 
-/// Draws the names of the series in their colours, in one line from `left_px` on.
-pub(crate) fn push_legend<'a>(svg: &mut String, names: impl Iterator<Item = &'a str>, left_px: f64, y_px: f64) {
+/// Draws the names of the series, given by their numbers, in their colours, in one line from `left_px` on.
+pub(crate) fn push_legend<'a>(
+    svg: &mut String,
+    names: impl Iterator<Item = (usize, &'a str)>,
+    left_px: f64,
+    y_px: f64,
+) {
     let mut x = left_px;
-    for (series, name) in names.enumerate() {
+    for (series, name) in names {
         let _ = writeln!(
             svg,
             "<rect x=\"{x:.1}\" y=\"{:.1}\" width=\"12\" height=\"12\" rx=\"2\" fill=\"{}\"/>\

@@ -45,7 +45,7 @@ pub fn line_charts(charts: &[LineChart<'_>], note: &str) -> String {
     }
     let title: Vec<_> = charts.iter().map(|chart| chart.y).collect();
     let mut svg = open_svg(CHART_PX * charts.len().max(1) as f64, HEIGHT_PX, &title.join("; "));
-    push_legend(&mut svg, names.iter().copied(), LEFT_PX, 22.0);
+    push_legend(&mut svg, names.iter().copied().enumerate(), LEFT_PX, 22.0);
     let _ = writeln!(svg, "<text x=\"{LEFT_PX}\" y=\"42\" fill-opacity=\"0.75\">{}</text>", escape(note));
     for (index, chart) in charts.iter().enumerate() {
         push_chart(&mut svg, chart, index as f64 * CHART_PX, &names);

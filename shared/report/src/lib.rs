@@ -3,6 +3,7 @@
 //! A page is one file that shows in any browser without a network: tables, charts and packed containers as inline
 //! SVG, in light, dark and print. Text from outside is escaped wherever it enters.
 
+mod bars;
 mod boxplot;
 mod chart;
 mod curves;
@@ -12,6 +13,7 @@ mod page;
 mod table;
 mod wide;
 
+pub use bars::stacked_bars;
 pub use boxplot::{Spread, box_plot_groups, box_plots};
 pub use chart::standalone;
 pub use curves::{Line, LineChart, line_charts};

@@ -129,7 +129,7 @@ pub fn percentile_curves(curves: &[Named], y: &str, limit: &Limit) -> String {
         .collect();
     let last = placed.iter().flat_map(finite).map(|(x, _)| x).fold(1.0, f64::max).ceil();
     let mut svg = open_svg(WIDTH_PX, HEIGHT_PX, y);
-    push_legend(&mut svg, curves.iter().map(|curve| curve.name.as_str()), LEFT_PX, 22.0);
+    push_legend(&mut svg, curves.iter().map(|curve| curve.name.as_str()).enumerate(), LEFT_PX, 22.0);
     let values = placed.iter().flat_map(finite).map(|(_, y)| y).chain([limit.value]);
     let up = Upward::over(Scale::Log, values);
     up.push(&mut svg, y);
@@ -167,7 +167,7 @@ pub fn percentile_curves(curves: &[Named], y: &str, limit: &Limit) -> String {
 #[must_use]
 pub fn timeline(chart: &Timeline<'_>) -> String {
     let mut svg = open_svg(WIDTH_PX, HEIGHT_PX, chart.y);
-    push_legend(&mut svg, chart.lines.iter().map(|line| line.name.as_str()), LEFT_PX, 22.0);
+    push_legend(&mut svg, chart.lines.iter().map(|line| line.name.as_str()).enumerate(), LEFT_PX, 22.0);
     let values = chart.lines.iter().flat_map(finite).map(|(_, y)| y).chain(chart.limit.iter().map(|limit| limit.value));
     let up = Upward::over(chart.scale, values);
     up.push(&mut svg, chart.y);
@@ -200,7 +200,7 @@ pub fn timeline(chart: &Timeline<'_>) -> String {
 #[must_use]
 pub fn stack(x: &str, y: &str, parts: &[Named]) -> String {
     let mut svg = open_svg(WIDTH_PX, HEIGHT_PX, y);
-    push_legend(&mut svg, parts.iter().map(|part| part.name.as_str()), LEFT_PX, 22.0);
+    push_legend(&mut svg, parts.iter().map(|part| part.name.as_str()).enumerate(), LEFT_PX, 22.0);
     let count = parts.iter().map(|part| part.points.len()).min().unwrap_or(0);
     let mut levels = vec![vec![0.0; count]];
     for part in parts {

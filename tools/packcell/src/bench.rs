@@ -8,10 +8,9 @@ mod bus;
 mod figures;
 mod sockets;
 
-use std::fs;
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use bytemuck::Zeroable as _;
 use messages::topics::Role;
 use messages::{Action, BeltState, BoxQueue, Header, Instance, MotionOutcome, MotionReport, PlaceCommand, WireBox};
@@ -20,6 +19,7 @@ use runtime::{Bus, Config, LogLevel};
 
 use crate::args::{CellArgs, expected_boxes};
 use crate::cell::Cell;
+use crate::page::write_file;
 use crate::private_bus::PrivateBus;
 use bus::OnBus;
 use figures::{Figures, Times};
@@ -38,6 +38,9 @@ pub(crate) struct BenchArgs {
     /// Writes the figures to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Writes a picture of where the time of a box goes to this file
+    #[arg(long, value_name = "F.svg")]
+    svg: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &BenchArgs) -> anyhow::Result<()> {
@@ -52,9 +55,10 @@ pub(crate) fn run(args: &BenchArgs) -> anyhow::Result<()> {
     let figures = Figures::new(&config, &times, &stages, [load_before, figures::load()?])?;
     println!("{figures}");
     if let Some(path) = &args.json {
-        let text = serde_json::to_string_pretty(&figures)? + "\n";
-        fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-        println!("wrote {}", path.display());
+        write_file(path, &(serde_json::to_string_pretty(&figures)? + "\n"))?;
+    }
+    if let Some(path) = &args.svg {
+        write_file(path, &figures.picture())?;
     }
     Ok(())
 }

@@ -1,7 +1,6 @@
 //! `packcell demo`: one stream through a cell of its own.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
@@ -144,16 +143,11 @@ pub(crate) fn latency_rows(figures: &Figures) -> impl Iterator<Item = (&'static 
 }
 
 fn write_reports(args: &DemoArgs, config: &Config, session: &Session, figures: &Figures) -> anyhow::Result<()> {
-    let write = |path: &Path, text: String| {
-        fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-        println!("wrote {}", path.display());
-        Ok::<_, anyhow::Error>(())
-    };
     if let Some(path) = &args.json {
-        write(path, serde_json::to_string_pretty(figures)? + "\n")?;
+        page::write_file(path, &(serde_json::to_string_pretty(figures)? + "\n"))?;
     }
     if let Some(path) = &args.html {
-        write(path, page::demo(config, session, figures))?;
+        page::write_file(path, &page::demo(config, session, figures))?;
     }
     Ok(())
 }

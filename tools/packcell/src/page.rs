@@ -1,5 +1,9 @@
-//! The page of a demo: its figures, and a picture of every packed container.
+//! The page of a demo: its figures, and a picture of every packed container; and how pages become files.
 
+use std::fs;
+use std::path::Path;
+
+use anyhow::Context as _;
 use report::{Page, Table, isometric};
 use runtime::Config;
 
@@ -8,6 +12,13 @@ use crate::session::{Figures, Session};
 
 /// Most containers that are drawn: those of a few episodes. The page says if there are more.
 const DRAWN_MAX: usize = 64;
+
+/// Writes figures, a picture or a page, and says so.
+pub(crate) fn write_file(path: &Path, text: &str) -> anyhow::Result<()> {
+    fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    println!("wrote {}", path.display());
+    Ok(())
+}
 
 /// A page that shows without a network.
 pub(crate) fn demo(config: &Config, session: &Session, figures: &Figures) -> String {

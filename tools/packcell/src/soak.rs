@@ -18,18 +18,18 @@ mod progress;
 mod series;
 mod watch;
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use messages::Instance;
 use messages::topics::{CONTROL, Role};
 use runtime::{Bus, Config, LogLevel, monotonic_ns};
 
 use crate::args::{CellArgs, expected_boxes};
 use crate::cell::Cell;
+use crate::page::write_file;
 use crate::up::obey;
 use faults::Schedule;
 use figures::Figures;
@@ -228,19 +228,14 @@ fn command_line() -> String {
 }
 
 fn write_reports(args: &SoakArgs, config: &Config, figures: &Figures, story: &watch::Story) -> anyhow::Result<()> {
-    let write = |path: &Path, text: String| {
-        fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-        println!("wrote {}", path.display());
-        Ok::<_, anyhow::Error>(())
-    };
     if let Some(path) = &args.json {
-        write(path, serde_json::to_string_pretty(figures)? + "\n")?;
+        write_file(path, &(serde_json::to_string_pretty(figures)? + "\n"))?;
     }
     if let Some(path) = &args.svg {
-        write(path, report::standalone(&page::curve(figures, story)))?;
+        write_file(path, &report::standalone(&page::curve(figures, story)))?;
     }
     if let Some(path) = &args.report {
-        write(path, page::soak(config, figures, story))?;
+        write_file(path, &page::soak(config, figures, story))?;
     }
     Ok(())
 }

@@ -40,7 +40,7 @@ impl OnBus {
     /// Shows containers and boxes to the cell and waits for its command.
     pub(crate) fn decide(&mut self, grid: &Grid, queue: &BoxQueue) -> anyhow::Result<Decision> {
         let begin_ns = monotonic_ns();
-        self.beliefs.publish(0, |belief| belief.write(grid))?;
+        self.beliefs.publish(0, |belief| belief.update(grid))?;
         self.queues.publish(begin_ns, |shown| *shown = *queue)?;
         loop {
             while let Some(command) = self.commands.receive()? {

@@ -11,7 +11,7 @@ use runtime::Config;
 use serde::Serialize;
 
 use super::Decision;
-use crate::latency::{Latencies, Summary};
+use crate::latency::{Latencies, STAGES, Summary};
 
 /// Times of all boxes [ns].
 #[derive(Debug, Default)]
@@ -78,6 +78,16 @@ impl Figures {
             sockets_transport_us,
             stages_us: stages.summaries().collect(),
         })
+    }
+}
+
+impl Figures {
+    /// The stages of a box on the bus, one after the other; medians, which add up to about the median of the whole.
+    pub(crate) fn picture(&self) -> String {
+        let medians = STAGES.iter().filter_map(|(stage, _)| Some((*stage, self.stages_us.get(stage)?.p50)));
+        let (stages, medians): (Vec<&str>, Vec<f64>) = medians.unzip();
+        let name = format!("{} on {}, from box to command", self.policy, self.engine);
+        report::standalone(&report::stacked_bars("median [us]", &stages, &[(&name, medians)]))
     }
 }
 

@@ -63,7 +63,7 @@ impl Peers {
     pub(crate) fn decide(&mut self, grid: &Grid, queue: &BoxQueue) -> anyhow::Result<Decision> {
         let [candidates, scorer, commander, _] = self.outboxes.as_mut_slice() else { bail!("no peers") };
         let begin_ns = monotonic_ns();
-        self.belief.write(grid);
+        self.belief.update(grid);
         for reader in [&mut *commander, &mut *scorer, &mut *candidates] {
             reader.send(&*self.belief)?;
         }
@@ -77,7 +77,7 @@ impl Peers {
     /// Lets one process do it all. Its own clock counts, from the box that has arrived to the command that is ready.
     pub(crate) fn decide_alone(&mut self, grid: &Grid, queue: &BoxQueue) -> anyhow::Result<Decision> {
         let [.., alone] = self.outboxes.as_mut_slice() else { bail!("no peers") };
-        self.belief.write(grid);
+        self.belief.update(grid);
         alone.send(&*self.belief)?;
         alone.send(queue)?;
         self.receive()?;

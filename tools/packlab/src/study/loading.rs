@@ -22,6 +22,8 @@ pub(crate) struct Loaded {
     pub(crate) outcome: Outcome,
     /// Boxes that touched another box on their way down, or whose place was taken.
     pub(crate) collisions: u32,
+    /// Boxes that a wall had to guide inside.
+    pub(crate) guided: u32,
     /// Boxes after which other heights were believed than those that were commanded.
     pub(crate) corrections: u32,
     /// Boxes after which the camera saw what nobody could explain.
@@ -58,7 +60,7 @@ impl World {
             let optics = Optics { frames: FRAMES, height_mm, shift_mm, dropout_share, fault, fault_from, fault_looks };
             (Camera::new(optics, seed), Fusion::new(size, slots, Self::tolerance_mm(camera_mm)))
         });
-        let (mut collisions, mut corrections, mut alarms) = (0, 0, 0);
+        let (mut collisions, mut guided, mut corrections, mut alarms) = (0, 0, 0, 0);
         let mut containers: Vec<u32> = environment.grid().slots().iter().map(packing::Slot::container).collect();
         let mut before = Vec::new();
         for (index, spec) in boxes.iter().enumerate() {
@@ -80,6 +82,7 @@ impl World {
             let room = environment.grid().extent(spec).turned(placement.yaw);
             let landing = truth.set_down(spec, room, placement);
             collisions += u32::from(landing.collided);
+            guided += u32::from(landing.walls);
             let Some((camera, fusion)) = &mut eye else { continue };
             let [length, breadth, height] = spec.size_mm();
             let sides_mm =
@@ -95,6 +98,6 @@ impl World {
                 alarms += u32::from(fused.irreconcilable.is_some());
             }
         }
-        Ok(Loaded { outcome: environment.outcome(optimum), collisions, corrections, alarms })
+        Ok(Loaded { outcome: environment.outcome(optimum), collisions, guided, corrections, alarms })
     }
 }
