@@ -12,7 +12,7 @@ use std::thread;
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::Value;
 
-use crate::harness::{program, wait_until};
+use crate::harness::{program, root, wait_until};
 use crate::machine::Machine;
 
 /// The services of a cell, and the program that each of them runs.
@@ -178,7 +178,16 @@ fn a_scorer_is_swapped_and_stays_swapped(machine: &Machine) {
     let swap = |args: &[&str]| machine.must(&[&["packcell", "swap", "--sets", "10"], args].concat());
     swap(&["--policy", "walle", "--dry-run"]);
     assert_eq!((state("a").as_str(), state("b").as_str()), ("active", "inactive"), "a dry run changes nothing");
-    let said = swap(&["--policy", "walle"]);
+
+    let model = root().join("deploy/models/packman-published.safetensors");
+    fs::copy(&model, machine.path("/var/tmp/new.safetensors")).unwrap();
+    machine.must(&["install", "-m", "600", "/var/tmp/new.safetensors", "/root/locked.safetensors"]);
+    let refused = machine.run(&["packcell", "swap", "--model", "/root/locked.safetensors"]);
+    let is_told = refused.stderr.contains("/root/locked.safetensors") && refused.stderr.contains("Permission denied");
+    assert!(!refused.is_success && is_told, "{}", refused.stderr);
+    assert_eq!((state("a").as_str(), state("b").as_str()), ("active", "inactive"), "a model that nobody may read");
+    let swap_file = "cd /var/tmp && packcell swap --sets 10 --policy packman-published --model new.safetensors";
+    let said = machine.must(&["sh", "-c", swap_file]);
     assert!(said.contains("scorer b is active"), "{said}");
     assert_eq!((state("a").as_str(), state("b").as_str()), ("inactive", "active"));
     for unit in ["packcell-commander", "packcell-scorer@b"] {

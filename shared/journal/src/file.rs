@@ -10,7 +10,7 @@ use std::thread::{self, JoinHandle};
 
 use rustix::fs::FlockOperation;
 
-use crate::frame::{Contents, HEADER, Rest, decode, encode};
+use crate::frame::{Contents, FRAME_BYTES_MAX, HEADER, Rest, decode, encode};
 use crate::record::{Entry, Record, State};
 
 /// A journal that is being written. Only one process at a time has it open.
@@ -110,7 +110,8 @@ impl Journal {
         let is_first = contents.entries.is_empty() && contents.rest == Rest::Nothing;
         let state = before.as_ref().unwrap_or(&contents).state();
         let syncing = Syncing::start(&file).map_err(unusable)?;
-        let (path, frame, whole_bytes) = (path.to_owned(), Vec::new(), contents.whole_bytes as u64);
+        let (path, frame, whole_bytes) =
+            (path.to_owned(), Vec::with_capacity(FRAME_BYTES_MAX), contents.whole_bytes as u64);
         let mut journal = Self { path, file, whole_bytes, limit_bytes, frame, state, syncing };
         let found = match contents.rest {
             Rest::Damage => {

@@ -13,6 +13,9 @@ const ENTRY_BYTES_MAX: usize = 512;
 /// Bytes before an entry: its length, the complement of that, and its CRC-32, all little-endian.
 const FRAME_HEAD_BYTES: usize = 8;
 
+/// Most bytes that an entry takes in the file.
+pub(crate) const FRAME_BYTES_MAX: usize = FRAME_HEAD_BYTES + ENTRY_BYTES_MAX;
+
 /// How entries become bytes. A journal outlives the program that wrote it: a change here is a new [`HEADER`].
 fn format() -> Configuration<LittleEndian, Varint, Limit<ENTRY_BYTES_MAX>> {
     bincode::config::standard().with_limit()

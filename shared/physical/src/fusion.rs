@@ -60,7 +60,7 @@ pub enum Blind {
     #[error("the camera says nothing")]
     Away,
     /// Its frames are not as large as the container.
-    #[error("the camera's frames have {found:?} pixels in place of {expected:?}")]
+    #[error("the camera's frames are {found:?} pixels, not {expected:?}")]
     WrongSize {
         /// Pixels along `x` and `y`.
         found: [usize; 2],

@@ -16,7 +16,7 @@ pub(crate) fn act_as_owner(config: &BusConfig) -> anyhow::Result<()> {
         Some(owner) if geteuid().is_root() && !owner.is_me() => {
             let own = std::env::current_exe().context("cannot tell where packcell lies")?;
             let mut again = Command::new(own);
-            again.args(std::env::args_os().skip(1)).uid(owner.uid).gid(owner.gid).current_dir("/");
+            again.args(std::env::args_os().skip(1)).uid(owner.uid).gid(owner.gid);
             let failure = again.exec();
             Err(failure).with_context(|| format!("cannot go on as {}, to whom the bus belongs", owner.name))
         }

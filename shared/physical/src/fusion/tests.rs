@@ -193,7 +193,7 @@ fn looks_that_cannot_be_trusted_are_named_and_change_nothing() {
     for (fault, says) in [
         (Fault::NotANumber, "sees only 0 %"),
         (Fault::Infinite, "sees only 0 %"),
-        (Fault::WrongSize, "[79, 80] pixels in place of [80, 80]"),
+        (Fault::WrongSize, "[79, 80] pixels, not [80, 80]"),
         (Fault::Frozen, "frozen"),
         (Fault::Away, "says nothing"),
     ] {
