@@ -4,6 +4,7 @@ use std::fs;
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
@@ -20,6 +21,9 @@ const ENVIRONMENT: [&str; 4] = [
     "SYSTEMD_PAGER=",
     "HOME=/root",
 ];
+
+/// Machines that this process has booted, so that each has a name of its own.
+static BOOTED: AtomicU32 = AtomicU32::new(0);
 
 /// A booted machine. Dropping it switches it off.
 pub(crate) struct Machine {
@@ -45,7 +49,8 @@ impl Machine {
         let mut mounts = mounts.lines().map(|line| line.split(' ').collect::<Vec<_>>());
         let cgroups =
             mounts.find(|mount| mount[2] == "cgroup2").expect("no cgroup2 hierarchy is mounted")[1].to_owned();
-        let cgroup = Path::new(&cgroups).join(format!("packcell-test-{}", std::process::id()));
+        let number = BOOTED.fetch_add(1, Ordering::Relaxed);
+        let cgroup = Path::new(&cgroups).join(format!("packcell-test-{}-{number}", std::process::id()));
         fs::create_dir_all(cgroup.join("machine")).unwrap();
 
         // The wrapper enters its cgroup first, so that this is the root of the cgroup namespace.
