@@ -30,8 +30,8 @@ pub fn corner_candidates(grid: &Grid, extent: Extent, weights: &WalleWeights, ca
     }
 }
 
-/// A cell and the height of the base there.
-pub(crate) type Place = (u16, u16, u16);
+/// A cell and the height of the base there: `(i, j, base)` [cells].
+pub type Place = (u16, u16, u16);
 
 /// Appends the candidates of one container; `places` is scratch.
 pub(crate) fn push_corners(
@@ -54,11 +54,16 @@ pub(crate) fn push_corners(
 }
 
 /// Calls `push` for the candidate places of a box of `extent` (yaw 0) in the container that stands in `slot`,
-/// ordered by yaw, `i` and `j`, each once.
-pub fn corner_places(surface: &Surface, slot: u16, extent: Extent, mut push: impl FnMut(Placement)) {
-    let mut places = Vec::new();
+/// ordered by yaw, `i` and `j`, each once. `places` is scratch.
+pub fn corner_places(
+    surface: &Surface,
+    slot: u16,
+    extent: Extent,
+    places: &mut Vec<Place>,
+    mut push: impl FnMut(Placement),
+) {
     for &yaw in extent.yaws() {
-        collect_places(surface, extent.turned(yaw), &mut places);
+        collect_places(surface, extent.turned(yaw), places);
         places.iter().for_each(|&(i, j, base)| push(Placement { slot, yaw, i, j, base }));
     }
 }

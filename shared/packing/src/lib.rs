@@ -34,7 +34,7 @@ mod support;
 mod surface;
 mod walle;
 
-pub use candidates::{Candidate, corner_candidates, corner_places};
+pub use candidates::{Candidate, Place, corner_candidates, corner_places};
 pub use draw::Draw;
 pub use environment::{ClosePolicy, Environment, Outcome, PlacedBox, Step};
 pub use episode::{CutRule, Episode, Order, Recipe, RecipeError, Split};

@@ -11,7 +11,7 @@ const CORNERS_RESERVED: usize = 256;
 ///
 /// Beside the heights it keeps what makes feasibility cheap, refreshed only where a box changed it: how many
 /// cells from each cell on, along `i` and along `j`, share its height, and the cells that are [`Corner`]s.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Surface {
     size: ContainerSize,
     rules: Rules,
@@ -60,6 +60,25 @@ pub enum Infeasible {
     /// The top would exceed the height limit.
     #[error("the top would exceed the height limit")]
     TooHigh,
+}
+
+/// A copy has room for as many corners as any; copying over one that there is allocates nothing.
+impl Clone for Surface {
+    fn clone(&self) -> Self {
+        let (heights, run_i, run_j) = (self.heights.clone(), self.run_i.clone(), self.run_j.clone());
+        let mut corners = Vec::with_capacity(self.corners.len().max(CORNERS_RESERVED));
+        corners.extend_from_slice(&self.corners);
+        Self { size: self.size, rules: self.rules, level_cells: self.level_cells, heights, run_i, run_j, corners }
+    }
+
+    fn clone_from(&mut self, other: &Self) {
+        let Self { size, rules, level_cells, heights, run_i, run_j, corners } = self;
+        (*size, *rules, *level_cells) = (other.size, other.rules, other.level_cells);
+        heights.clone_from(&other.heights);
+        run_i.clone_from(&other.run_i);
+        run_j.clone_from(&other.run_j);
+        corners.clone_from(&other.corners);
+    }
 }
 
 impl Surface {

@@ -7,7 +7,7 @@ use packing::{
     corner_candidates, corner_places,
 };
 
-use crate::lookahead::{Value, plan};
+use crate::lookahead::{Planner, Value};
 use crate::moves::{ContainerView, Features, features};
 use crate::policy::describe;
 use crate::weights::Weights;
@@ -87,8 +87,8 @@ pub fn pack_planned(
 ) -> Result<Packed, SizeError> {
     let size = episode.container;
     let mut environment = Environment::new(size, containers_max, ClosePolicy::Never)?;
-    let (mut candidates, mut moves) = (Vec::new(), Vec::new());
-    let mut plain = Plain(weights);
+    let (mut candidates, mut moves, mut values) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut planner, mut plain) = (Planner::new(&[width]), Plain(weights));
     let extents: Vec<Extent> = episode.boxes.iter().map(|spec| spec.extent(size.cell_mm())).collect();
     let mut packed = Packed { packed_cells: vec![0; containers_max], set_aside: 0 };
     for (index, spec) in episode.boxes.iter().enumerate() {
@@ -96,8 +96,9 @@ pub fn pack_planned(
         let placed = environment.pack(spec, |grid, extent| {
             corner_candidates(grid, extent, &WalleWeights::PAPER, &mut candidates);
             describe(grid, extent, &candidates, &mut moves);
-            let Ok(values) = plain.values(&moves);
-            let Ok(plan) = plan(grid, known.to_vec(), &candidates, &values, &mut plain, &[width], &mut || false);
+            let Ok(()) = plain.values(&moves, &mut values);
+            let known = known.iter().copied();
+            let Ok(plan) = planner.plan(grid, known, &candidates, &values, &mut plain, &mut || false);
             plan.map(|plan| candidates[plan.first].placement)
         });
         match placed {
@@ -117,8 +118,10 @@ struct Plain<'a>(&'a Weights);
 impl Value for Plain<'_> {
     type Error = Infallible;
 
-    fn values(&mut self, moves: &[Features]) -> Result<Vec<f32>, Infallible> {
-        Ok(moves.iter().map(|features| self.0.value_of_move(features)).collect())
+    fn values(&mut self, moves: &[Features], values: &mut Vec<f32>) -> Result<(), Infallible> {
+        values.clear();
+        values.extend(moves.iter().map(|features| self.0.value_of_move(features)));
+        Ok(())
     }
 }
 
@@ -129,7 +132,7 @@ fn consider(
     weights: &Weights,
     best: &mut Option<(f32, Placement)>,
 ) {
-    corner_places(surface, view.rank, extent, |placement| {
+    corner_places(surface, view.rank, extent, &mut Vec::new(), |placement| {
         let value = weights.value_of_move(&features(surface, view, extent.turned(placement.yaw), placement));
         if best.is_none_or(|(highest, _)| value > highest) {
             *best = Some((value, placement));

@@ -7,7 +7,7 @@ use packing::{Candidate, Extent, Grid, Heuristic};
 
 use crate::encoding::Encoding;
 use crate::engine::{Engine, MovesScorer, PublishedScorer};
-use crate::lookahead::{self, Plan, UPCOMING_MAX, WIDTHS};
+use crate::lookahead::{self, Plan, Planner, WIDTHS};
 use crate::model::{Model, ModelError, Scope};
 use crate::moves::{ContainerView, Features, features};
 
@@ -36,6 +36,7 @@ pub struct Policy {
     kind: PolicyKind,
     engine: Engine,
     scorer: Option<Scorer>,
+    planner: Planner,
     values: Vec<f32>,
 }
 
@@ -120,7 +121,7 @@ impl Policy {
             let scorer = is_its_own.then(|| Scorer::new(engine, model)).flatten();
             Some(scorer.ok_or_else(|| PolicyError::OtherModel { kind, encoding: encoding.to_string() })?)
         };
-        Ok(Self { kind, engine, scorer, values: Vec::new() })
+        Ok(Self { kind, engine, scorer, planner: Planner::new(&WIDTHS), values: Vec::new() })
     }
 
     /// Its kind.
@@ -178,9 +179,8 @@ impl Policy {
             return best(&self.values);
         }
         let candidates = scorer.scope.considered(candidates);
-        let upcoming = upcoming.iter().take(UPCOMING_MAX);
-        let extents = [extent].into_iter().chain(upcoming.copied()).collect();
-        let plan = lookahead::plan(grid, extents, candidates, &self.values, scorer, &WIDTHS, is_over)?;
+        let extents = [extent].into_iter().chain(upcoming.iter().copied());
+        let plan = self.planner.plan(grid, extents, candidates, &self.values, scorer, is_over)?;
         Ok(plan.map(|Plan { first, measure, depth, width }| Choice { index: first, value: measure, depth, width }))
     }
 }
@@ -219,13 +219,12 @@ impl Scorer {
 impl lookahead::Value for Scorer {
     type Error = NotFinite;
 
-    fn values(&mut self, moves: &[Features]) -> Result<Vec<f32>, NotFinite> {
-        let mut values = Vec::with_capacity(moves.len());
+    fn values(&mut self, moves: &[Features], values: &mut Vec<f32>) -> Result<(), NotFinite> {
         let computed = match &self.judge {
-            Judge::Moves { network, .. } => network.values(moves, &mut values),
+            Judge::Moves { network, .. } => network.values(moves, values),
             Judge::Published(_) => None,
         };
-        all_finite(computed, &values).map(|()| values)
+        all_finite(computed, values)
     }
 }
 
