@@ -29,6 +29,7 @@ use runtime::{Bus, Config, LogLevel, monotonic_ns};
 
 use crate::args::{CellArgs, expected_boxes};
 use crate::cell::Cell;
+use crate::owner::act_as_owner;
 use crate::page::write_file;
 use crate::up::obey;
 use faults::Schedule;
@@ -99,6 +100,7 @@ pub(crate) fn run(args: &SoakArgs) -> anyhow::Result<()> {
         if !config.bus.root_dir.join("iceoryx2.toml").exists() {
             bail!("no cell runs on the bus {}: start one with 'packcell up'", config.bus.root_dir.display());
         }
+        act_as_owner(&config.bus)?;
         let schedule = Schedule::named(args.faults.as_deref().unwrap_or("none"), config.perception.seed)?;
         schedule.check_from_outside()?;
         return soak(args, &config, schedule, None);
