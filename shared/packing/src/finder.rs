@@ -122,11 +122,11 @@ mod tests {
             let mut found = Vec::new();
             let spec = |&(l, b, h, _): &(u32, u32, u32, _)| BoxSpec::new(1, [l * 10, b * 10, h * 10]).unwrap();
             for (step, next) in boxes.iter().enumerate() {
-                let extent = spec(next).extent(10);
+                let extent = grid.extent(&spec(next));
                 finder.find(&grid, extent, &mut found);
                 prop_assert_eq!(&found, &by_definition(&grid, extent));
                 if let Some(upcoming) = boxes.get(step + 1) {
-                    finder.expect(&grid, spec(upcoming).extent(10));
+                    finder.expect(&grid, grid.extent(&spec(upcoming)));
                 }
                 if found.is_empty() {
                     grid.replace(step as u16 % 3, 3 + step as u32).unwrap();
