@@ -250,7 +250,8 @@ mod tests {
     fn a_centimetre_and_a_good_camera_suffice_for_five_millimetres() {
         let (perfect, corrected) = (row(10, 0.0, None), row(10, 5.0, Some(1.0)));
         assert_eq!((corrected.collisions_per_100, corrected.set_aside), (0.0, 0));
-        assert!(corrected.c_mean.unwrap() <= perfect.c_mean.unwrap() + 0.05, "{corrected:?} and {perfect:?}");
+        // The c of two episodes moves in steps of 0.05.
+        assert!(corrected.c_mean.unwrap() < perfect.c_mean.unwrap() + 0.075, "{corrected:?} and {perfect:?}");
         assert!(row(0, 5.0, None).collisions_per_100 > 50.0, "without a gap, boxes touch");
     }
 
