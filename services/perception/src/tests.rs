@@ -422,9 +422,9 @@ fn a_world_of_another_kind_is_refused() {
     }
 }
 
-/// An arm that errs by 25 mm sets a box down on another. Of twenty such boxes one or another falls off it.
+/// An arm that errs by 25 mm sets a box down on another. Of twenty such boxes one or another tips over its edge.
 #[test]
-fn boxes_fall_only_in_a_world_of_physics() {
+fn boxes_tip_only_in_a_world_of_physics() {
     let top_mm = |seed: u64, kind: &str| {
         let mut perception = in_world(&["world.actuator_mm=25", &format!("world.seed={seed}"), kind], 4);
         on_time(&mut perception, 1);
@@ -438,7 +438,8 @@ fn boxes_fall_only_in_a_world_of_physics() {
     };
     let stands = |seed: &u64| top_mm(*seed, "world.kind=geometric") == 200.0;
     let on_top: Vec<u64> = (1..=20).filter(stands).collect();
-    assert!(on_top.len() > 10 && on_top.iter().any(|&seed| top_mm(seed, PHYSICS) < 190.0), "{on_top:?}");
+    let tops_mm: Vec<f64> = on_top.iter().map(|&seed| top_mm(seed, PHYSICS)).collect();
+    assert!(on_top.len() > 10 && tops_mm.iter().any(|mm| (mm - 200.0).abs() > 5.0), "{tops_mm:?}");
 }
 
 #[test]
