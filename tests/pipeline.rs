@@ -52,6 +52,19 @@ fn an_arm_that_errs_loses_no_box_and_hits_none() {
     demo.assert_nothing_is_left();
 }
 
+/// What falls, slides and tilts is seen, and the line goes on.
+#[test]
+fn a_cell_packs_in_a_world_of_physics() {
+    let settings = ["rules.clearance_mm=5", "world.actuator_mm=5", "belief.source=camera"];
+    let settings: Vec<&str> = settings.iter().flat_map(|setting| ["--set", setting]).collect();
+    let world = ["--world", "physics", "--data", "three", "--policy", "walle"];
+    let demo = Demo::run(&[&world[..], &settings].concat());
+    assert_eq!(demo.number("/placed") + demo.number("/set_aside"), demo.number("/boxes"));
+    assert!(demo.number("/placed") > 0.9 * demo.number("/boxes"));
+    assert_eq!(demo.number("/doubled"), 0.0);
+    demo.assert_nothing_is_left();
+}
+
 #[test]
 fn two_cells_side_by_side_do_not_meet() {
     let demos = [Demo::begin(&["--seed", "5"]), Demo::begin(&["--seed", "6"])].map(crate::harness::RunningDemo::finish);

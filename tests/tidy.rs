@@ -42,8 +42,9 @@ const MAY_IMPORT: [(&str, &[&str]); 16] = [
 ];
 
 /// Dependencies that only one crate may name.
-const ONLY_IN: [(&str, &[&str]); 3] = [
+const ONLY_IN: [(&str, &[&str]); 4] = [
     ("burn", &["shared/policy"]),
+    ("rapier3d", &["shared/physical"]),
     ("iceoryx2", &["shared/messages", "shared/runtime"]),
     ("bincode", &["shared/journal", "shared/policy", "services/perception", "tools/peer"]),
 ];

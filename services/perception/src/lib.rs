@@ -168,8 +168,8 @@ impl Perception {
     pub fn in_reality(mut self, reality: Option<Reality>, world: Option<&World>) -> Result<Self, WorldError> {
         self.reality = reality;
         let Some(reality) = &mut self.reality else { return Ok(self) };
-        match world.map(|world| &world.standing) {
-            Some(Some(slots)) if reality.go_on(slots) => {}
+        match world.map(|world| &world.matter) {
+            Some(Some(matter)) if reality.go_on(matter) => {}
             None => {}
             Some(None) if !self.grid.slots().iter().any(packing::Slot::is_open) => {}
             Some(_) => return Err(WorldError::OtherReality),
@@ -194,7 +194,7 @@ impl Perception {
         let position = self.belt.position(is_box_out);
         let mut world = World::of(&self.grid, self.next_container, position, self.taken);
         (world.moving, world.last) = (moving, self.last);
-        world.standing = self.reality.as_ref().map(|reality| reality.standing().to_vec());
+        world.matter = self.reality.as_ref().map(Reality::matter);
         world
     }
 

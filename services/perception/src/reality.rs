@@ -1,15 +1,13 @@
 //! The true world beside what is believed of it, and the camera between them.
 //!
 //! Off by default: then boxes stand where the arm was told to put them, and that is believed. What is published never
-//! comes from the truth but through the camera.
+//! comes from the truth but through the camera. In a world of physics the arm's motion ends when all boxes lie still.
 
 use std::collections::BTreeMap;
 
 use packing::{BoxSpec, Grid, Placement, Yaw};
-use physical::{
-    Blind, Camera, Commanded, Fault, Fused, Fusion, Imperfections, Irreconcilable, Optics, Standing, Truth,
-};
-use runtime::{BeliefSource, CameraFault, Config, WithoutCamera};
+use physical::{Blind, Camera, Commanded, Fault, Fused, Fusion, Imperfections, Irreconcilable, Matter, Optics, Truth};
+use runtime::{BeliefSource, CameraFault, Config, WithoutCamera, WorldKind};
 
 /// The true world, and what sees it.
 #[derive(Debug)]
@@ -77,17 +75,22 @@ impl Reality {
             irreconcilable: BTreeMap::new(),
         });
         let is_imperfect = imperfections != Imperfections { seed: world.seed, ..Imperfections::default() };
-        (is_imperfect || eye.is_some()).then(|| Self { truth: Truth::new(imperfections, size, slots), eye })
+        let truth = match world.kind {
+            WorldKind::Physics => Truth::rigid(imperfections, size, slots),
+            WorldKind::Geometric if is_imperfect || eye.is_some() => Truth::new(imperfections, size, slots),
+            WorldKind::Geometric => return None,
+        };
+        Some(Self { truth, eye })
     }
 
     /// The true boxes, which must outlive the process.
-    pub(crate) fn standing(&self) -> &[Vec<Standing>] {
-        self.truth.slots()
+    pub(crate) fn matter(&self) -> Matter {
+        self.truth.matter()
     }
 
-    /// Goes on from boxes that stand; whether there are as many slots.
-    pub(crate) fn go_on(&mut self, slots: &[Vec<Standing>]) -> bool {
-        self.truth.go_on(slots)
+    /// Goes on from boxes that are there; whether they are of such a world with as many slots.
+    pub(crate) fn go_on(&mut self, matter: &Matter) -> bool {
+        self.truth.go_on(matter)
     }
 
     /// The box as it is measured at the pick.
@@ -112,9 +115,15 @@ impl Reality {
     ) {
         let room = grid.extent(spec).turned(placement.yaw);
         let landing = self.truth.set_down(real, room, placement);
-        if landing.lost || landing.collided {
-            let (box_id, lost, pushed) = (spec.id(), landing.lost, landing.pushed);
-            tracing::warn!(box_id, lost, pushed, "the true world: a box collided or was lost");
+        if landing.lost || landing.collided || landing.restless {
+            let (box_id, lost, pushed, restless) = (spec.id(), landing.lost, landing.pushed, landing.restless);
+            tracing::warn!(
+                box_id,
+                lost,
+                pushed,
+                restless,
+                "the true world: a box collided, was lost or does not lie still"
+            );
         }
         let [length_mm, breadth_mm, height_mm] = spec.size_mm();
         let sides_mm = match placement.yaw {

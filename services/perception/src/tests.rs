@@ -4,6 +4,7 @@ use std::fs;
 
 use bytemuck::Zeroable;
 use packing::{ContainerSize, Yaw};
+use physical::Matter;
 
 use super::*;
 
@@ -275,6 +276,7 @@ fn in_world(overrides: &[&str], boxes: usize) -> Perception {
 }
 
 const CAMERA: &str = "belief.source=camera";
+const PHYSICS: &str = "world.kind=physics";
 
 fn heights(perception: &Perception) -> &[u16] {
     perception.grid().slots()[0].surface().heights()
@@ -283,17 +285,20 @@ fn heights(perception: &Perception) -> &[u16] {
 #[test]
 fn a_world_without_errors_is_the_commanded_one() {
     assert!(Reality::of(&runtime::Config::default(), &Grid::new(size(), 2).unwrap()).is_none());
-    let mut plain = in_world(&[], 4);
-    let mut seen = in_world(&[CAMERA], 4);
-    for perception in [&mut plain, &mut seen] {
-        on_time(perception, 1);
-        for (j, now_ns) in [(0, 2), (10, 3)] {
-            command(perception, Action::Place, at(0, j), now_ns);
+    let pack = |settings: &[&str]| {
+        let mut perception = in_world(settings, 4);
+        on_time(&mut perception, 1);
+        for (j, base, now_ns) in [(0, 0, 2), (10, 0, 3), (10, 10, 4)] {
+            command(&mut perception, Action::Place, Placement { base, ..at(0, j) }, now_ns);
         }
+        perception
+    };
+    let plain = pack(&[]);
+    for seen in [pack(&[CAMERA]), pack(&[CAMERA, PHYSICS])] {
+        assert_eq!(heights(&plain), heights(&seen));
+        assert_eq!(plain.grid().revision(), seen.grid().revision(), "nothing was corrected");
+        assert_eq!(boxes(&plain), boxes(&seen));
     }
-    assert_eq!(heights(&plain), heights(&seen));
-    assert_eq!(plain.grid().revision(), seen.grid().revision(), "nothing was corrected");
-    assert_eq!(boxes(&plain), boxes(&seen));
 }
 
 #[test]
@@ -373,36 +378,68 @@ fn a_camera_that_fails_is_noticed_before_the_next_box() {
     }
 }
 
+/// A stub in the world of these settings that begins anew with the world that was left.
+fn resumed(settings: &[&str], world: &World) -> Result<Perception, WorldError> {
+    let Perception { grid, belt, reality, .. } = in_world(settings, 4);
+    Perception::resume(behaviour(), &grid, belt, world, 3).unwrap().in_reality(reality, Some(world))
+}
+
 #[test]
 fn a_restarted_stub_finds_the_true_world_as_it_was_left() {
-    let settings = ["world.actuator_mm=5", "world.size_mm=2", CAMERA];
-    let mut perception = in_world(&settings, 4);
-    on_time(&mut perception, 1);
-    command(&mut perception, Action::Place, at(0, 0), 2);
-    let mut bytes = Vec::new();
-    perception.world().encode(&mut bytes);
-    let world = World::decode(&bytes).unwrap();
-    let fresh = in_world(&settings, 4);
-    let (empty, belt, reality) = (in_world(&settings, 4).grid, fresh.belt, fresh.reality);
-    let resumed = Perception::resume(behaviour(), &empty, belt, &world, 3).unwrap();
-    let mut restarted = resumed.in_reality(reality, Some(&world)).unwrap();
-    assert_eq!(restarted.world(), world);
-    on_time(&mut restarted, 3);
-    let [left, found] = [&perception, &restarted].map(|perception| BoxQueue { due_ns: 0, ..boxes(perception) });
-    assert_eq!(found, left, "but for when the box is due: the belt begins anew");
-    for perception in [&mut perception, &mut restarted] {
-        command(perception, Action::Place, at(1, 0), 4);
+    let errors = ["world.actuator_mm=9", "world.yaw_deg=3", "world.size_mm=2", CAMERA, "world.kind=geometric"];
+    let physics = [&errors[..4], &[PHYSICS]].concat();
+    for settings in [&errors[..], &physics] {
+        let mut perception = in_world(settings, 4);
+        on_time(&mut perception, 1);
+        command(&mut perception, Action::Place, at(0, 0), 2);
+        let mut bytes = Vec::new();
+        perception.world().encode(&mut bytes);
+        let world = World::decode(&bytes).unwrap();
+        let mut restarted = resumed(settings, &world).unwrap();
+        assert_eq!(restarted.world(), world);
+        on_time(&mut restarted, 3);
+        let due_ns = boxes(&perception).due_ns;
+        assert_eq!(BoxQueue { due_ns, ..boxes(&restarted) }, boxes(&perception));
+        for perception in [&mut perception, &mut restarted] {
+            let said = command(perception, Action::Place, at(1, 0), 4);
+            assert!(said.len() > 1, "it was placed");
+        }
+        assert_eq!(restarted.world(), perception.world(), "the same errors, and the same rest");
     }
-    assert_eq!(restarted.world(), perception.world(), "the same errors");
+}
 
-    let plain = in_world(&[], 4);
-    let mut perfect = in_world(&[], 4);
-    on_time(&mut perfect, 1);
-    command(&mut perfect, Action::Place, at(0, 0), 2);
-    let reality = in_world(&settings, 4).reality;
-    let refused = Perception::resume(behaviour(), &empty, plain.belt, &perfect.world(), 3).unwrap();
-    let message = refused.in_reality(reality, Some(&perfect.world())).unwrap_err().to_string();
-    assert!(message.contains("[world]"), "{message}");
+#[test]
+fn a_world_of_another_kind_is_refused() {
+    let left = |settings: &[&str]| {
+        let mut perception = in_world(settings, 4);
+        on_time(&mut perception, 1);
+        command(&mut perception, Action::Place, at(0, 0), 2);
+        perception.world()
+    };
+    for (was, is) in [(&[][..], &[CAMERA][..]), (&[CAMERA], &[PHYSICS]), (&[PHYSICS], &[CAMERA])] {
+        let message = resumed(is, &left(was)).unwrap_err().to_string();
+        assert!(message.contains("[world]"), "{message}");
+    }
+}
+
+/// An arm that errs by 25 mm sets a box down on another. Of twenty such boxes one or another tips over its edge.
+#[test]
+fn boxes_tip_only_in_a_world_of_physics() {
+    let top_mm = |seed: u64, kind: &str| {
+        let mut perception = in_world(&["world.actuator_mm=25", &format!("world.seed={seed}"), kind], 4);
+        on_time(&mut perception, 1);
+        command(&mut perception, Action::Place, Placement { i: 5, ..at(0, 5) }, 2);
+        command(&mut perception, Action::Place, Placement { i: 5, base: 10, ..at(0, 5) }, 3);
+        let standing = match perception.world().matter.unwrap() {
+            Matter::Standing(standing) => standing[0].clone(),
+            Matter::Lying(lying) => lying[0].iter().map(physical::Lying::standing).collect(),
+        };
+        standing.last().map(|standing| standing.top_mm).unwrap()
+    };
+    let stands = |seed: &u64| top_mm(*seed, "world.kind=geometric") == 200.0;
+    let on_top: Vec<u64> = (1..=20).filter(stands).collect();
+    let tops_mm: Vec<f64> = on_top.iter().map(|&seed| top_mm(seed, PHYSICS)).collect();
+    assert!(on_top.len() > 10 && tops_mm.iter().any(|mm| (mm - 200.0).abs() > 5.0), "{tops_mm:?}");
 }
 
 #[test]

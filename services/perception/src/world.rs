@@ -9,9 +9,9 @@ use crate::belt::Position;
 use crate::{Motion, Reported};
 
 /// The first bytes of the file: what it is, in words, and the version of all that follows.
-const HEADER: &[u8] = b"packcell world 2\n";
+const HEADER: &[u8] = b"packcell world 3\n";
 
-/// Most bytes that a world may take: every cell of the largest grid, and a true box of 80 bytes for every cell of
+/// Most bytes that a world may take: every cell of the largest grid, and a true box of 88 bytes for every cell of
 /// sixteen of the paper's containers.
 const BYTES_MAX: usize = 1 << 28;
 
@@ -27,8 +27,8 @@ pub struct World {
     pub(crate) moving: Option<Moving>,
     pub(crate) last: Option<Reported>,
     pub(crate) taken: u64,
-    /// How the boxes really stand, if that is another thing.
-    pub(crate) standing: Option<Vec<Vec<physical::Standing>>>,
+    /// How the boxes really stand or lie, if that is another thing.
+    pub(crate) matter: Option<physical::Matter>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,7 +63,7 @@ pub enum WorldError {
         of_cell: String,
     },
     /// Boxes stand there, and nobody knows how they really stand.
-    #[error("it was left by a world without errors, or by other containers (sections [world] and [belief])")]
+    #[error("it was left by a world of another kind, or by other containers (sections [world] and [belief])")]
     OtherReality,
     /// The boxes on the belt are others.
     #[error("it was left in the middle of another stream (perception.stream, perception.seed)")]
@@ -81,7 +81,7 @@ impl World {
             heights: heights(slot),
         });
         let (size, revision, slots) = (shape(grid.size()), grid.revision(), slots.collect());
-        Self { size, revision, slots, next_container, position, moving: None, last: None, taken, standing: None }
+        Self { size, revision, slots, next_container, position, moving: None, last: None, taken, matter: None }
     }
 
     /// The containers as they were left, for a cell that begins with those of `empty`.

@@ -1,7 +1,7 @@
 //! What believing costs: one look at a container of the paper's size in which fifty boxes stand.
 
 use packing::{BoxSpec, ContainerSize, Grid, Placement, Yaw};
-use physical::{Camera, Commanded, Fault, Fusion, Imperfections, Optics, Truth};
+use physical::{Camera, Commanded, Fault, Fusion, Imperfections, Matter, Optics, Truth};
 
 fn main() {
     divan::main();
@@ -37,7 +37,7 @@ fn fuse(bencher: divan::Bencher, off_by_mm: i32) {
     if let Some(standing) = slots[0].last_mut() {
         standing.middle_mm[0] += f64::from(off_by_mm);
     }
-    assert!(truth.go_on(&slots), "as many slots");
+    assert!(truth.go_on(&Matter::Standing(slots)), "as many slots");
     // Two looks in turn, for the same one twice would be a frozen camera.
     let looks: Vec<Vec<f32>> =
         (1..=2).map(|at| Camera::new(optics, 1).look(&truth, 0, at).expect("a camera").heights_mm.to_vec()).collect();

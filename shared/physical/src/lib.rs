@@ -8,6 +8,8 @@
 //! # Words
 //!
 //! - **truth** ([`Truth`]): every box with its real size and pose in millimetres. Nothing that decides may see it.
+//!   It is of one of two kinds: boxes *stand* where they were set down ([`Truth::new`]), or are rigid bodies that slide,
+//!   tilt and fall until they *lie* still ([`Truth::rigid`]).
 //! - **look** ([`Look`]): the height maps ("frames") that a camera takes of one container, one after the other.
 //! - **fusion** ([`Fusion`]): command and look into the heights that are believed.
 //!
@@ -16,8 +18,10 @@
 mod camera;
 mod errors;
 mod fusion;
+mod rigid;
 mod truth;
 
 pub use camera::{Camera, Fault, Look, Optics};
 pub use fusion::{Blind, Commanded, Fused, Fusion, Irreconcilable};
-pub use truth::{Imperfections, Landing, Standing, Truth};
+pub use rigid::{Fate, Lying, RigidContainer, Settled};
+pub use truth::{Brought, Imperfections, Landing, Matter, Standing, Truth};

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use packing::{ContainerSize, PlacedBox};
+use packing::{ContainerSize, PlacedBox, Rules, Yaw};
 
 /// Width of the picture [px] before a page scales it.
 const WIDTH_PX: f64 = 320.0;
@@ -16,31 +16,43 @@ const PARTS_MAX: usize = 10_000;
 /// Angle between the hues of two boxes that follow each other [deg]: the golden angle keeps any few apart.
 const HUE_STEP_DEG: f64 = 137.508;
 
-/// The boxes of one container as an SVG picture, each with its number, size and place as a tooltip.
+/// The boxes of one container, packed by these rules, as an SVG picture, each with its number, size and place as a
+/// tooltip. A box stands in the middle of its room, with its clearance around it.
 ///
 /// The viewer looks from the far end of `i` and `j`, so the container's origin is the corner at the back.
 #[must_use]
-pub fn isometric(size: ContainerSize, boxes: &[PlacedBox]) -> String {
-    let view = View::of(size);
-    let container = Cuboid { low: [0; 3], high: [size.length(), size.breadth(), size.height()].map(i32::from) };
+pub fn isometric(size: ContainerSize, rules: Rules, boxes: &[PlacedBox]) -> String {
+    picture(size, View::of(size), boxes.len(), |svg, view| {
+        let cuboids: Vec<_> = boxes.iter().map(|placed| Cuboid::of(size, rules, placed)).collect();
+        for part in painters_order(&cuboids) {
+            view.push_part(svg, &part, &cuboids[part.owner], &boxes[part.owner]);
+        }
+    })
+}
+
+/// A container and what `push_boxes` draws in it.
+pub(crate) fn picture(
+    size: ContainerSize,
+    view: View,
+    boxes: usize,
+    push_boxes: impl FnOnce(&mut String, &View),
+) -> String {
+    let container = Cuboid::container(size);
     let (width, height) = (view.width_px(), view.height_px());
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" width=\"{width:.0}\" \
-         height=\"{height:.0}\" role=\"img\" stroke-linejoin=\"round\" stroke-linecap=\"round\">\n<title>{} boxes in a \
-         container of {size}</title>\n<g stroke=\"#8a93a3\" stroke-width=\"0.8\">\n",
-        boxes.len()
+         height=\"{height:.0}\" role=\"img\" stroke-linejoin=\"round\" stroke-linecap=\"round\">\n<title>{boxes} boxes in a \
+         container of {size}</title>\n<g stroke=\"#8a93a3\" stroke-width=\"0.8\">\n"
     );
     for (face, opacity) in [(container.floor(), 0.10), (container.back_left(), 0.14), (container.back_right(), 0.18)] {
         let _ = writeln!(svg, "<path d=\"{}\" fill=\"#8a93a3\" fill-opacity=\"{opacity}\"/>", view.outline(&face));
     }
     svg.push_str("</g>\n<g stroke-width=\"0.7\">\n");
-    let cuboids: Vec<_> = boxes.iter().map(|placed| Cuboid::of(size, placed)).collect();
-    for part in painters_order(&cuboids) {
-        view.push_part(&mut svg, &part, &cuboids[part.owner], size, &boxes[part.owner]);
-    }
+    push_boxes(&mut svg, &view);
     svg.push_str("</g>\n");
     // The edges nearest to the viewer, thin, so that the empty part of the container shows.
-    let rim = container.rim().map(|[from, to]| format!("{}{}", view.point('M', from), view.point('L', to))).concat();
+    let edge = |[from, to]: [Point; 2]| format!("{}{}", view.corner('M', from), view.corner('L', to));
+    let rim = container.rim().map(edge).concat();
     let _ = writeln!(
         svg,
         "<path d=\"{rim}\" fill=\"none\" stroke=\"#8a93a3\" stroke-width=\"0.8\" stroke-dasharray=\"3 3\"/>"
@@ -49,10 +61,15 @@ pub fn isometric(size: ContainerSize, boxes: &[PlacedBox]) -> String {
     svg
 }
 
-/// A point `[i, j, height]` of the container [cells].
-type Point = [i32; 3];
+/// The colour of a box.
+pub(crate) fn hue_deg(box_id: u64) -> f64 {
+    (box_id as f64 * HUE_STEP_DEG).rem_euclid(360.0)
+}
 
-/// A cuboid in the container [cells], `low` inclusive, `high` exclusive.
+/// A point of the container [half mm], so that the middle of a room is a whole number.
+type Point = [i64; 3];
+
+/// A cuboid in the container [half mm].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Cuboid {
     low: Point,
@@ -60,11 +77,26 @@ struct Cuboid {
 }
 
 impl Cuboid {
-    fn of(size: ContainerSize, placed: &PlacedBox) -> Self {
-        let extent = placed.spec.extent(size.cell_mm()).turned(placed.placement.yaw);
-        let low = [placed.placement.i, placed.placement.j, placed.placement.base].map(i32::from);
-        let sides = [extent.length, extent.breadth, extent.height].map(i32::from);
-        Self { low, high: [low[0] + sides[0], low[1] + sides[1], low[2] + sides[2]] }
+    fn container(size: ContainerSize) -> Self {
+        let high = [size.length(), size.breadth(), size.height()].map(|cells| 2 * mm(cells, size));
+        Self { low: [0; 3], high }
+    }
+
+    fn of(size: ContainerSize, rules: Rules, placed: &PlacedBox) -> Self {
+        let PlacedBox { spec, placement, .. } = placed;
+        let room = rules.extent(spec, size).turned(placement.yaw);
+        let [length_mm, breadth_mm, height_mm] = spec.size_mm().map(i64::from);
+        let (along_mm, across_mm) = match placement.yaw {
+            Yaw::Deg0 => (length_mm, breadth_mm),
+            Yaw::Deg90 => (breadth_mm, length_mm),
+        };
+        let in_room = |first: u16, cells: u16, side_mm: i64| 2 * mm(first, size) + mm(cells, size) - side_mm;
+        let low = [
+            in_room(placement.i, room.length, along_mm),
+            in_room(placement.j, room.breadth, across_mm),
+            2 * mm(placement.base, size),
+        ];
+        Self { low, high: [low[0] + 2 * along_mm, low[1] + 2 * across_mm, low[2] + 2 * height_mm] }
     }
 
     fn corner(&self, high: [bool; 3]) -> Point {
@@ -118,13 +150,17 @@ impl Cuboid {
     }
 
     /// The parts below and above `position` on an axis, if it lies inside.
-    fn cut(&self, axis: usize, position: i32) -> Option<[Self; 2]> {
+    fn cut(&self, axis: usize, position: i64) -> Option<[Self; 2]> {
         (self.low[axis] < position && position < self.high[axis]).then(|| {
             let (mut below, mut above) = (*self, *self);
             (below.high[axis], above.low[axis]) = (position, position);
             [below, above]
         })
     }
+}
+
+fn mm(cells: u16, size: ContainerSize) -> i64 {
+    i64::from(cells) * i64::from(size.cell_mm())
 }
 
 /// A box, or a part of one that had to be cut to be drawn.
@@ -188,7 +224,8 @@ fn cut_one(waiting: &[Part], circle: &[usize]) -> Option<(usize, [Cuboid; 2])> {
 }
 
 /// From cells to pixels.
-struct View {
+pub(crate) struct View {
+    cell_mm: f64,
     px_per_cell: f64,
     left_cells: f64,
     top_cells: f64,
@@ -196,12 +233,30 @@ struct View {
 }
 
 impl View {
-    fn of(size: ContainerSize) -> Self {
+    pub(crate) fn of(size: ContainerSize) -> Self {
         let [length, breadth, height] = [size.length(), size.breadth(), size.height()].map(f64::from);
         let size_cells = [(length + breadth) * COS_30, (length + breadth) * SIN_30 + height];
         // A tower must not be taller than it is wide by much: pages place these pictures side by side.
         let px_per_cell = (WIDTH_PX / size_cells[0]).min(1.25 * WIDTH_PX / size_cells[1]);
-        Self { px_per_cell, left_cells: length * COS_30, top_cells: height, size_cells }
+        let cell_mm = f64::from(size.cell_mm());
+        Self { cell_mm, px_per_cell, left_cells: length * COS_30, top_cells: height, size_cells }
+    }
+
+    /// The same with room for these points [mm] as well, wherever they lie.
+    pub(crate) fn with_room_for(mut self, points_mm: impl Iterator<Item = [f64; 3]>) -> Self {
+        for point_mm in points_mm {
+            let [x, y] = self.on_screen(point_mm);
+            let (left, top) = ((-x).max(0.0), (-y).max(0.0));
+            (self.left_cells, self.top_cells) = (self.left_cells + left, self.top_cells + top);
+            self.size_cells = [(self.size_cells[0]).max(x) + left, (self.size_cells[1]).max(y) + top];
+        }
+        self
+    }
+
+    /// Where a point [mm] is seen, from the upper left corner [cells].
+    fn on_screen(&self, point_mm: [f64; 3]) -> [f64; 2] {
+        let [i, j, height] = point_mm.map(|mm| mm / self.cell_mm);
+        [(j - i) * COS_30 + self.left_cells, (i + j) * SIN_30 - height + self.top_cells]
     }
 
     fn width_px(&self) -> f64 {
@@ -212,30 +267,32 @@ impl View {
         self.size_cells[1] * self.px_per_cell + 2.0 * MARGIN_PX
     }
 
-    /// A path command to a point.
-    fn point(&self, command: char, point: Point) -> String {
-        let [i, j, height] = point.map(f64::from);
-        let x = ((j - i) * COS_30 + self.left_cells) * self.px_per_cell + MARGIN_PX;
-        let y = ((i + j) * SIN_30 - height + self.top_cells) * self.px_per_cell + MARGIN_PX;
+    /// A path command to a point [mm].
+    pub(crate) fn point(&self, command: char, point_mm: [f64; 3]) -> String {
+        let [x, y] = self.on_screen(point_mm).map(|cells| cells * self.px_per_cell + MARGIN_PX);
         format!("{command}{x:.1} {y:.1}")
+    }
+
+    fn corner(&self, command: char, corner: Point) -> String {
+        self.point(command, corner.map(|half_mm| half_mm as f64 / 2.0))
     }
 
     fn outline(&self, corners: &[Point]) -> String {
         let commands = std::iter::once('M').chain(std::iter::repeat('L'));
-        let path: String = commands.zip(corners).map(|(command, &corner)| self.point(command, corner)).collect();
+        let path: String = commands.zip(corners).map(|(command, &corner)| self.corner(command, corner)).collect();
         path + "Z"
     }
 
     /// The three visible faces of a part: top, and the two that look at the viewer.
-    fn push_part(&self, svg: &mut String, part: &Part, whole: &Cuboid, size: ContainerSize, placed: &PlacedBox) {
+    fn push_part(&self, svg: &mut String, part: &Part, whole: &Cuboid, placed: &PlacedBox) {
         let [length, breadth, height] = placed.spec.size_mm();
-        let [i, j, base] = whole.low.map(|cells| i64::from(cells) * i64::from(size.cell_mm()));
+        let [i, j, base] = whole.low.map(|half_mm| half_mm / 2);
         let _ = writeln!(
             svg,
             "<g><title>box {}: {length} x {breadth} x {height} mm at {i}, {j}, {base} mm</title>",
             placed.spec.id()
         );
-        let hue = (placed.spec.id() as f64 * HUE_STEP_DEG).rem_euclid(360.0);
+        let hue = hue_deg(placed.spec.id());
         for (axis, saturation, lightness) in [(2, 45, 77), (0, 36, 66), (1, 32, 54)] {
             let fill = format!("hsl({hue:.0} {saturation}% {lightness}%)");
             let line = format!("hsl({hue:.0} 35% 25%)");
@@ -262,7 +319,7 @@ impl View {
         };
         let sides = (0..4).map(|side| (face[side], face[(side + 1) % 4]));
         let edges = sides.filter(|&(from, to)| is_edge(from, to));
-        edges.map(|(from, to)| self.point('M', from) + &self.point('L', to)).collect()
+        edges.map(|(from, to)| self.corner('M', from) + &self.corner('L', to)).collect()
     }
 }
 
@@ -271,7 +328,7 @@ const SIN_30: f64 = 0.5;
 
 #[cfg(test)]
 mod tests {
-    use packing::{BoxSpec, ClosePolicy, Environment, Heuristic, Placement, Recipe, Split, WalleWeights, Yaw};
+    use packing::{BoxSpec, ClosePolicy, Environment, Heuristic, Placement, Recipe, Split, WalleWeights};
 
     use super::*;
 
@@ -328,9 +385,10 @@ mod tests {
         }
         for container in 0..environment.outcome(None).containers_used {
             let boxes: Vec<_> = environment.placed().iter().filter(|b| b.container == container).copied().collect();
-            let cuboids: Vec<_> = boxes.iter().map(|placed| Cuboid::of(episode.container, placed)).collect();
+            let cuboids: Vec<_> =
+                boxes.iter().map(|placed| Cuboid::of(episode.container, Rules::default(), placed)).collect();
             check_order(&painters_order(&cuboids));
-            let svg = isometric(episode.container, &boxes);
+            let svg = isometric(episode.container, Rules::default(), &boxes);
             assert!(svg.matches("<title>box ").count() >= boxes.len());
             assert!(svg.len() < 1000 * (boxes.len() + 3), "{} bytes for {} boxes", svg.len(), boxes.len());
         }
@@ -342,8 +400,11 @@ mod tests {
         let spec = BoxSpec::new(7, [20, 30, 40]).unwrap();
         let placement = Placement { slot: 0, yaw: Yaw::Deg90, i: 1, j: 2, base: 3 };
         let placed = PlacedBox { spec, placement, container: 0 };
-        assert_eq!(Cuboid::of(size, &placed), cuboid([1, 2, 3], [4, 4, 7]));
-        let svg = isometric(size, &[placed]);
+        assert_eq!(Cuboid::of(size, Rules::default(), &placed), cuboid([20, 40, 60], [80, 80, 140]));
+        // With a clearance it has a cell more on every side, and stands in the middle.
+        let clear = Rules { clearance_mm: 6, ..Rules::default() };
+        assert_eq!(Cuboid::of(size, clear, &placed), cuboid([40, 60, 60], [100, 100, 140]));
+        let svg = isometric(size, Rules::default(), &[placed]);
         assert!(svg.contains("<title>box 7: 20 x 30 x 40 mm at 10, 20, 30 mm</title>"), "{svg}");
     }
 }

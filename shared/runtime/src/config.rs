@@ -107,6 +107,8 @@ pub struct PerceptionConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WorldConfig {
+    /// What boxes do in it.
+    pub kind: WorldKind,
     /// Fixes all errors.
     pub seed: u64,
     /// Standard deviation of where the arm sets a box down, along each axis [mm].
@@ -133,6 +135,17 @@ pub struct WorldConfig {
     pub camera_fault_from: u64,
     /// For how many looks; 0 for ever.
     pub camera_fault_looks: u64,
+}
+
+/// What boxes do in the stub's world.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WorldKind {
+    /// They stand where they are set down.
+    #[default]
+    Geometric,
+    /// They are rigid bodies: they slide, tilt and fall until they lie still.
+    Physics,
 }
 
 /// What can be wrong with the stub's camera.
@@ -370,6 +383,7 @@ impl Default for WorldConfig {
         let (camera_mm, camera_shift_mm, camera_dropout_share) = (1.0, 0.0, 0.0);
         let (camera_fault, camera_fault_from, camera_fault_looks) = (CameraFault::None, 0, 0);
         Self {
+            kind: WorldKind::Geometric,
             seed: 1,
             actuator_mm,
             yaw_deg,
@@ -566,6 +580,11 @@ impl Config {
                 return Err(ConfigError::Range { key, value: value.to_string(), rule });
             }
         }
+        if world.kind == WorldKind::Physics && world.push_mm != 0.0 {
+            let (key, value) = ("world.push_mm", world.push_mm.to_string());
+            let rule = "it must be 0 in a world of physics (world.kind), where boxes give way as they do";
+            return Err(ConfigError::Range { key, value, rule });
+        }
         Ok(())
     }
 }
@@ -672,6 +691,8 @@ mod tests {
         refused("", &["world.actuator_mm=-1"], "it must be 0 to 500 mm");
         refused("", &["world.drop_share=nan"], "a share from 0 to 1");
         refused("", &["world.camera_fault=dirty"], "unknown variant `dirty`");
+        refused("", &["world.kind=rigid"], "unknown variant `rigid`, expected `geometric` or `physics`");
+        refused("", &["world.kind=physics", "world.push_mm=5"], "it must be 0 in a world of physics");
         refused("", &["belief.frames=10"], "1 to 9 frames");
         refused("", &["rules.clearance_mm=-1"], "invalid value");
         refused("", &["candidates.walle_weights=[1.0, nan, 1.0, 1.0, 1.0]"], "five numbers of 0 or more");

@@ -19,7 +19,7 @@ pub use clock::{monotonic_ns, unix_ms};
 pub use config::{
     BeliefConfig, BeliefSource, BusConfig, CameraFault, CandidatesConfig, CommanderConfig, Config, ConfigError,
     ContainerConfig, LogConfig, LogLevel, PerceptionConfig, RulesConfig, ScorerConfig, StateConfig, WithoutCamera,
-    WorldConfig,
+    WorldConfig, WorldKind,
 };
 pub use health::{Reporter, Tally};
 pub use log::init_log;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use dataset::{DataSet, Named, ReadOptions};
 use packing::Split;
-use runtime::{BusConfig, Config, StateConfig};
+use runtime::{BusConfig, Config, StateConfig, WorldKind};
 use rustix::process::geteuid;
 
 /// The configuration of the installed cell.
@@ -37,6 +37,10 @@ pub(crate) struct CellArgs {
     /// The policy's model file; without it, the built-in model
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// What boxes do in the stub's world: geometric (they stand where they are set down) or physics (they slide, tilt
+    /// and fall)
+    #[arg(long, value_name = "KIND", value_parser = world_kind)]
+    world: Option<WorldKind>,
     /// Overrides one key of the configuration, for example --set commander.hard_deadline_ms=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     overrides: Vec<String>,
@@ -65,6 +69,7 @@ impl CellArgs {
         let named_slots = self.data.as_deref().and_then(|name| Named::find(name).ok()).map(|named| named.slots);
         config.container.slots = self.open.or(named_slots).unwrap_or(config.container.slots);
         config.scorer.policy = self.policy.clone().unwrap_or(config.scorer.policy);
+        config.world.kind = self.world.unwrap_or(config.world.kind);
         config.check()?;
         Ok(config)
     }
@@ -141,6 +146,15 @@ fn own_cell() -> anyhow::Result<Config> {
     let home = home.context("there is no home directory to keep a cell's state in: use --config FILE")?;
     let state = StateConfig { dir: home.join(".local/state/packcell") };
     Ok(Config { bus: BusConfig::of_user(geteuid().as_raw()), state, ..Config::default() })
+}
+
+/// The kind of world of this name.
+fn world_kind(name: &str) -> Result<WorldKind, String> {
+    match name {
+        "geometric" => Ok(WorldKind::Geometric),
+        "physics" => Ok(WorldKind::Physics),
+        _ => Err("use geometric or physics".to_owned()),
+    }
 }
 
 fn data_help() -> String {

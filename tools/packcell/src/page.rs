@@ -57,7 +57,7 @@ pub(crate) fn demo(config: &Config, session: &Session, figures: &Figures) -> Str
     page.gallery(containers.iter().take(DRAWN_MAX).map(|(container, boxes)| {
         let packed: u64 = boxes.iter().map(|one| one.spec.extent(size.cell_mm()).volume_cells()).sum();
         let share = percent(packed as f64 / size.volume_cells() as f64);
-        (isometric(size, boxes), format!("container {container}: {} boxes, {share} full", boxes.len()))
+        (isometric(size, config.rules(), boxes), format!("container {container}: {} boxes, {share} full", boxes.len()))
     }));
     page.to_html()
 }

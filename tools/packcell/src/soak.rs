@@ -66,7 +66,7 @@ pub(crate) struct SoakArgs {
     #[arg(long, value_name = "FILE|none")]
     faults: Option<String>,
     /// Watches a cell that runs already, whose boxes are numbered without gaps; does only what can be done from outside
-    #[arg(long, conflicts_with_all = ["data", "seed", "pace", "rate", "open", "policy", "model", "scorers"])]
+    #[arg(long, conflicts_with_all = ["data", "seed", "pace", "rate", "open", "policy", "model", "world", "scorers"])]
     attach: bool,
     /// Scorers that run side by side
     #[arg(long, value_name = "N", default_value_t = 1)]

@@ -7,6 +7,7 @@ mod generate;
 mod method;
 mod output;
 mod published;
+mod simulate;
 mod source;
 mod study;
 mod train;
@@ -26,6 +27,8 @@ enum Command {
     Train(train::TrainArgs),
     /// Draw the learning curves of trainings.
     Curve(curve::CurveArgs),
+    /// Play packing plans with rigid bodies: what collides, moves, tilts and falls.
+    Simulate(simulate::SimulateArgs),
     /// Answer a question that takes many packings.
     Study(study::StudyArgs),
 }
@@ -36,6 +39,7 @@ fn main() -> anyhow::Result<()> {
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Train(args) => train::run(&args),
         Command::Curve(args) => curve::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
         Command::Study(args) => study::run(&args),
     }
 }

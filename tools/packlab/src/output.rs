@@ -288,12 +288,12 @@ fn push_pictures(page: &mut Page, evaluated: &Evaluated, methods: &[Method]) -> 
     let mean = |trial: &Trial| goodness_percent(trial).iter().sum::<f64>();
     let best = methods.iter().zip(trials).max_by(|(_, a), (_, b)| mean(a).total_cmp(&mean(b)));
     let Some((method, _)) = best else { return Ok(()) };
-    let placed = trial::picture(set, 0, method, conditions)?;
+    let placed = trial::plan(set, 0, method, conditions)?;
     page.section(&format!("Episode 0 of {}, packed by {}", set.name, method.name));
     let containers = placed.iter().map(|placed| placed.container + 1).max().unwrap_or(0);
     page.gallery((0..containers.min(PICTURES_MAX)).map(|container| {
         let boxes = trial::of_container(&placed, container);
-        (isometric(set.container, &boxes), format!("container {container}: {} boxes", boxes.len()))
+        (isometric(set.container, conditions.rules, &boxes), format!("container {container}: {} boxes", boxes.len()))
     }));
     Ok(())
 }

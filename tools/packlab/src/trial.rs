@@ -76,7 +76,7 @@ pub(crate) fn run(
 }
 
 /// The boxes of one episode as a method places them.
-pub(crate) fn picture(
+pub(crate) fn plan(
     set: &DataSet,
     episode: usize,
     method: &Method,

@@ -3,7 +3,7 @@
 use packing::{BoxSpec, Grid, Placement, Rules, Yaw};
 
 use super::*;
-use crate::{Camera, Fault, Imperfections, Truth};
+use crate::{Camera, Fault, Imperfections, Matter, Truth};
 
 const OPTICS: Optics = Optics {
     frames: 5,
@@ -47,7 +47,7 @@ impl Cell {
         if let Some(last) = slots[0].last_mut() {
             last.middle_mm = [last.middle_mm[0] + off_by.0, last.middle_mm[1] + off_by.1];
         }
-        assert!(self.truth.go_on(&slots));
+        assert!(self.truth.go_on(&Matter::Standing(slots)));
         self.look(&Commanded { box_id: id, placement, room, sides_mm: size_mm }, &before)
     }
 
@@ -131,7 +131,7 @@ fn a_box_on_the_edge_of_another_is_believed_as_high_as_it_is() {
     // The belief says that the second stands beside the first; it hangs on it.
     let mut slots = cell.truth.slots().to_vec();
     slots[0][0].half_mm = [60.0, 50.0];
-    assert!(cell.truth.go_on(&slots));
+    assert!(cell.truth.go_on(&Matter::Standing(slots)));
     let fused = cell.place(2, [100; 3], (10, 0, 0), (0.0, 0.0)).unwrap();
     assert!(fused.is_corrected);
     assert_eq!(cell.rectangle(16), (10..20, 0..10), "152 mm are 16 cells");
@@ -161,7 +161,7 @@ fn a_neighbour_that_was_pushed_is_no_stranger() {
     cell.place(1, [100; 3], (15, 15, 0), (0.0, 0.0)).unwrap();
     let mut slots = cell.truth.slots().to_vec();
     slots[0][0].middle_mm[0] += 12.0;
-    assert!(cell.truth.go_on(&slots));
+    assert!(cell.truth.go_on(&Matter::Standing(slots)));
     let fused = cell.place(2, [100, 100, 50], (5, 15, 0), (0.0, 0.0)).unwrap();
     assert_eq!((fused.is_corrected, fused.irreconcilable), (true, None));
     assert_eq!(cell.rectangle(10), (15..26, 15..25));
