@@ -32,7 +32,8 @@ const STEP_S: f32 = 1.0 / 120.0;
 const ITERATIONS: usize = 16;
 
 /// How stiff contacts are, as the frequency and damping ratio of a spring [Hz, -]. A stack of ten cubes of 100 mm sinks
-/// into itself by 1.4 mm then. At the engine's own 30 Hz it falls over, and from 300 Hz on it does not come to rest.
+/// into itself by about 1.4 mm then. At the engine's own 30 Hz it fell over, and from 300 Hz on it did not come to rest
+/// (with half the iterations).
 const STIFFNESS_HZ: f32 = 120.0;
 const DAMPING: f32 = 10.0;
 
