@@ -65,6 +65,16 @@ fn a_cell_packs_in_a_world_of_physics() {
     demo.assert_nothing_is_left();
 }
 
+/// Nothing is placed on a belief that is known to be wrong, and whoever waits is told why.
+#[test]
+fn a_cell_that_lost_its_camera_stands_still_and_says_so() {
+    let demo = Demo::run(&["--policy", "walle", "--set", "belief.source=camera", "--set", "world.camera_fault=away"]);
+    assert!(!demo.output.status.success());
+    let said = demo.stderr();
+    assert!(said.contains("stands still after 1 of") && said.contains("perception: the camera says nothing"), "{said}");
+    demo.assert_nothing_is_left();
+}
+
 #[test]
 fn two_cells_side_by_side_do_not_meet() {
     let demos = [Demo::begin(&["--seed", "5"]), Demo::begin(&["--seed", "6"])].map(crate::harness::RunningDemo::finish);

@@ -1,5 +1,6 @@
 //! `packcell demo`: one stream through a cell of its own.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
@@ -7,9 +8,9 @@ use std::time::Duration;
 use anyhow::{Context as _, bail};
 use comfy_table::{CellAlignment, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
-use messages::topics::{BOXES, CYCLES, Role};
-use messages::{BeltState, Instance};
-use runtime::{Bus, Config, LogLevel, monotonic_ns};
+use messages::topics::{BOXES, CYCLES, HEALTH, Role};
+use messages::{BeltState, Health, Instance};
+use runtime::{Bus, Config, LogLevel, Subscriber, monotonic_ns};
 
 use crate::args::{CellArgs, expected_boxes};
 use crate::cell::Cell;
@@ -65,6 +66,7 @@ fn pack(config: &Config, session: &mut Session) -> anyhow::Result<()> {
     let bus = Bus::join(&config.bus, Role::Tool)?;
     let cycles = bus.subscriber(&CYCLES)?;
     let mut queues = bus.latest(&BOXES)?;
+    let health = bus.subscriber(&HEALTH)?;
     let mut cell = Cell::start(config, &[Instance::default()], &bus)?;
     let bar = progress_bar(session.expected() as u64);
     let perception = &config.perception;
@@ -87,13 +89,26 @@ fn pack(config: &Config, session: &mut Session) -> anyhow::Result<()> {
             break;
         }
         if monotonic_ns() > progress_ns + patience_ns {
-            bail!("the cell stands still after {} of {} boxes", session.done(), session.expected());
+            let (done, expected) = (session.done(), session.expected());
+            bail!("the cell stands still after {done} of {expected} boxes{}", alarms(&health)?);
         }
         cell.check()?;
         thread::sleep(LOOK);
     }
     bar.finish_and_clear();
     cell.stop()
+}
+
+/// What keeps processes from their work, by the last words of each that are still to be heard.
+fn alarms(health: &Subscriber<Health>) -> anyhow::Result<String> {
+    let mut alarms = BTreeMap::new();
+    while let Some(word) = health.receive()? {
+        if let Ok(role) = word.role() {
+            alarms.insert(role.name(), word.alarm.as_str().to_owned());
+        }
+    }
+    alarms.retain(|_, alarm| !alarm.is_empty());
+    Ok(alarms.iter().map(|(role, alarm)| format!("; {role}: {alarm}")).collect())
 }
 
 fn progress_bar(boxes: u64) -> ProgressBar {
