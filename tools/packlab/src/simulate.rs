@@ -364,8 +364,9 @@ fn page(about: &str, set: &DataSet, rows: &[Row], played: &[Vec<Played>]) -> Str
         order.sort_by_key(|(_, container)| std::cmp::Reverse(container.askew()));
         page.gallery(order.iter().take(PICTURES_MAX).map(|(number, container)| {
             let lying: Vec<_> = container.lying.iter().map(drawn).collect();
-            let (boxes, askew) = (lying.len(), container.askew());
-            let caption = format!("container {number}: {boxes} boxes, {askew} moved, tilted or fell");
+            let (boxes, left, askew) = (container.boxes.len(), lying.len(), container.askew());
+            let caption =
+                format!("container {number}: {boxes} boxes, {askew} moved, tilted or fell, {left} still in it");
             (isometric_lying(set.container, &lying), caption)
         }));
     }
