@@ -95,9 +95,11 @@ fn shared_memory_without_a_size_holds_nobody_up() {
     for name in connections {
         // Those of the dead and those of the living: the living keep what they have mapped.
         let path = format!("/dev/shm/{name}");
-        fs::remove_file(&path).unwrap();
-        fs::write(&path, b"").unwrap();
-        emptied += 1;
+        // Somebody who lives may have cleaned up after the dead first.
+        if fs::remove_file(&path).is_ok() {
+            fs::write(&path, b"").unwrap();
+            emptied += 1;
+        }
     }
     assert!(emptied > 0);
     cell.start("scorer");
